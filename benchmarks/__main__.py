@@ -85,7 +85,9 @@ def machine() -> str:
     )
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
     system = f"Linux {platform.release()}, Python {platform.python_version()}"
-    return f"{os.cpu_count()} cores of {cpu or platform.machine()}, {system}, load before {load}"
+    return (
+        f"{os.cpu_count()} cores of {cpu or platform.machine()}, {system}, load before {load}"
+    )
 
 
 if __name__ == "__main__":

@@ -35,11 +35,15 @@ def verdicts_at_the_limit(survey: Drawn, result: Result) -> Iterator[tuple[str, 
     points = anywhere_mm(result.volume)
     true = survey.machine.error_at(points)
     largest = float(np.max(np.linalg.norm(unmoved_um(points, true), axis=1)))
-    judged = _judged(result, {VOLUMETRIC_RMS: left_um(points, true), VOLUMETRIC_LARGEST: largest})
+    judged = _judged(
+        result, {VOLUMETRIC_RMS: left_um(points, true), VOLUMETRIC_LARGEST: largest}
+    )
     truth = survey.machine.truth(survey.box.increments)
     for name, value in truth.squareness_urad.items():
         judged += [
-            one for one in _judged(result, {SQUARENESS_URAD: abs(value)}) if one.quantity == name
+            one
+            for one in _judged(result, {SQUARENESS_URAD: abs(value)})
+            if one.quantity == name
         ]
     lines = {
         name: np.linspace(0.0, value[-1] - value[0], len(value))
@@ -57,7 +61,10 @@ def verdicts_at_the_limit(survey: Drawn, result: Result) -> Iterator[tuple[str, 
     ]
     judged += _judged(
         result,
-        {name: float(np.ptp(truth.errors[name] - lines[name] * (name in free))) for name in known},
+        {
+            name: float(np.ptp(truth.errors[name] - lines[name] * (name in free)))
+            for name in known
+        },
     )
     for one in judged:
         kind = (
@@ -104,7 +111,8 @@ def main() -> None:
     for kind, verdicts in count.items():
         total = verdicts.total()
         shares = ", ".join(
-            f"{name} {verdicts[name]} ({100.0 * verdicts[name] / total:.2f} %)" for name in VERDICTS
+            f"{name} {verdicts[name]} ({100.0 * verdicts[name] / total:.2f} %)"
+            for name in VERDICTS
         )
         print(f"{kind}: {total} figures: {shares}")
 

@@ -36,7 +36,9 @@ def stepped(readings: Readings, rng: np.random.Generator, um: float) -> Spoiled:
     """Return the readings with a step of the count before a stop of any pass."""
     key, rows = list(readings.passes().items())[int(rng.integers(len(readings.passes())))]
     stop = int(rng.integers(2, len(rows) - 1))
-    return _moved(readings, rows[stop:], um * rng.choice([-1.0, 1.0])), f"{key}, stop {stop + 1} "
+    return _moved(
+        readings, rows[stop:], um * rng.choice([-1.0, 1.0])
+    ), f"{key}, stop {stop + 1} "
 
 
 def longer(readings: Readings, rng: np.random.Generator, ppm: float) -> Spoiled:
@@ -57,7 +59,9 @@ def wandering(readings: Readings, rng: np.random.Generator, um: float) -> Spoile
     return _moved(readings, rows, um / np.sqrt(len(rows) - 1) * walk), setup
 
 
-def warmed(readings: Readings, rng: np.random.Generator, celsius: float, *, told: bool) -> Spoiled:
+def warmed(
+    readings: Readings, rng: np.random.Generator, celsius: float, *, told: bool
+) -> Spoiled:
     """Return the readings of a machine that is warmer by so much in every setup than in the one
     before, 20 C on the mean; ``told``: by its thermometer."""
     order = np.array([SETUPS.index(name) for name in readings.setup], dtype=np.float64)
@@ -104,7 +108,9 @@ class Seen:
     clean_um: float
 
 
-def judge(case: Case, seed: int, spoil: Callable[[Readings, np.random.Generator], Spoiled]) -> Seen:
+def judge(
+    case: Case, seed: int, spoil: Callable[[Readings, np.random.Generator], Spoiled]
+) -> Seen:
     """Drive, spoil and solve one survey."""
     machine = machine_of(case, seed)
     clean = drive(case, machine, seed)
@@ -137,7 +143,9 @@ def _after(result: Result, machine: Machine) -> Told:
 
 def row(name: str, seen: Sequence[Seen]) -> str:
     """Return the line of the table for a fault."""
-    counts = [sum(one.severity == word for one in seen) for word in ("refused", "said", "quiet")]
+    counts = [
+        sum(one.severity == word for one in seen) for word in ("refused", "said", "quiet")
+    ]
     used = [one for one in seen if one.severity != "refused"]
     left = [
         f"{np.sqrt(np.mean(np.square(values))):.2f}"
@@ -160,7 +168,10 @@ def main() -> None:
     parser.add_argument("--surveys", type=int, default=20, help="surveys of each fault")
     parser.add_argument("--first", type=int, default=2000, help="the first seed")
     parser.add_argument(
-        "--angle", type=float, default=0.0, help="range of the machine's angular functions, urad"
+        "--angle",
+        type=float,
+        default=0.0,
+        help="range of the machine's angular functions, urad",
     )
     parser.add_argument("--fault", default="", help="only faults whose name contains this")
     parser.add_argument("--each", action="store_true", help="print every survey too")

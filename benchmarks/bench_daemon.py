@@ -137,7 +137,9 @@ def at_rest(
                 resident = process.resident_mb()
             size, _, chunks = (0, 0, []) if recorder is bare else logged(survey)
         if recorder is bare:
-            return AtRest(percent, resident, late_ms(np.load(stamped).tolist(), np.load(stamps)))
+            return AtRest(
+                percent, resident, late_ms(np.load(stamped).tolist(), np.load(stamps))
+            )
         return AtRest(
             percent,
             resident,
@@ -160,7 +162,10 @@ def late_ms(stamped: Sequence[tuple[int, int]], written: np.ndarray) -> np.ndarr
     """Return by how much the stamps (number of the line, ns) are later than the writing of their
     lines."""
     times = dict(written.tolist())
-    return np.array([stamp - times[number] for number, stamp in stamped if number in times]) * 1e-6
+    return (
+        np.array([stamp - times[number] for number, stamp in stamped if number in times])
+        * 1e-6
+    )
 
 
 def page(seconds: float, floor: AtRest) -> list[Row]:
@@ -202,7 +207,8 @@ def _percent_over(processes: list[Process], seconds: float) -> list[float]:
     time.sleep(seconds)
     took = time.monotonic() - began
     return [
-        100 * (each.cpu_s() - used) / took for each, used in zip(processes, before, strict=True)
+        100 * (each.cpu_s() - used) / took
+        for each, used in zip(processes, before, strict=True)
     ]
 
 
@@ -229,7 +235,10 @@ class Viewer:
 
 def starts() -> list[Row]:
     """Return how long the daemon and the command line take to start."""
-    with tempfile.TemporaryDirectory() as name, feeding(Path(name), RATE_HZ, page=True) as survey:
+    with (
+        tempfile.TemporaryDirectory() as name,
+        feeding(Path(name), RATE_HZ, page=True) as survey,
+    ):
         ready = []
         for _ in range(5):
             with daemon(survey) as (_, ready_s):

@@ -46,7 +46,9 @@ def rows(results: int = RESULTS) -> list[Row]:
         for place in store.tables():
             table = read_table(store, place)
             for number in range(1, NAMES):
-                _written(store, Place(f"{place.machine}-{number}", place.year, place.survey), table)
+                _written(
+                    store, Place(f"{place.machine}-{number}", place.year, place.survey), table
+                )
         refresh_index(store, most_loose=0)
         found = [_query(store), _size(store)]
     return [*found, *_workers()]
@@ -73,12 +75,16 @@ def _query(store: Store) -> Row:
     three, since other programs only add to it."""
     times, floors = [], []
     series = history_in(store, datetime.now(UTC)).series
-    lines = [(np.arange(float(len(each.values))), np.nan_to_num(each.values)) for each in series]
+    lines = [
+        (np.arange(float(len(each.values))), np.nan_to_num(each.values)) for each in series
+    ]
     for _ in range(3):
         computed = time.process_time()
         points = sum(
             len(each.series.surveys)
-            for each in trends_of(history_in(store, datetime.now(UTC)).series, lambda *_: None)
+            for each in trends_of(
+                history_in(store, datetime.now(UTC)).series, lambda *_: None
+            )
         )
         times.append(time.process_time() - computed)
         computed = time.process_time()
@@ -156,7 +162,13 @@ def _store_of_logs(folder: Path) -> None:
 def _resolved(folder: str, workers: int) -> tuple[float, float]:
     """Return (seconds a program solves, its peak memory in MB): from the first survey that is done,
     so that its start does not count."""
-    command = [sys.executable, "-m", "benchmarks.bench_fleet", f"{folder}/store", str(workers)]
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.bench_fleet",
+        f"{folder}/store",
+        str(workers),
+    ]
     said = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     return float(said[0]), float(said[1])
 

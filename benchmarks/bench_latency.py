@@ -120,17 +120,23 @@ def lateness_ms() -> tuple[np.ndarray, np.ndarray]:
         folder = Path(name)
         (folder / "bench.toml").write_text(BENCH)
         waiting: list[dict[str, str]] = []
-        with VirtualBench(read_config(folder / "bench.toml"), folder, tell=waiting.append) as bench:
+        with VirtualBench(
+            read_config(folder / "bench.toml"), folder, tell=waiting.append
+        ) as bench:
             survey = folder / "survey.toml"
             places = bench.addresses
             survey.write_text(
-                SURVEY.format(laser=places["laser_link"], plc=places["plc_port"], poll_hz=POLL_HZ)
+                SURVEY.format(
+                    laser=places["laser_link"], plc=places["plc_port"], poll_hz=POLL_HZ
+                )
             )
             bare_ms = exchanges_ms(int(places["plc_port"]))
             with daemon(survey):
                 _drive(bench, waiting)
         stops = [
-            stop for log in sorted((folder / "bench").rglob("*.mcap")) for stop in noted_stops(log)
+            stop
+            for log in sorted((folder / "bench").rglob("*.mcap"))
+            for stop in noted_stops(log)
         ]
     pairs = [
         (stop.window_to_ns, written[stop.stop_count])

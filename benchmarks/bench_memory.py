@@ -44,7 +44,8 @@ def rows(hours: float) -> list[Row]:
     """Return the row of a long survey."""
     command = [sys.executable, "-m", "benchmarks.bench_memory", str(hours)]
     first, last, objects, lasted = map(
-        float, subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+        float,
+        subprocess.run(command, check=True, capture_output=True, text=True).stdout.split(),
     )
     grown = last - first
     return [
@@ -63,7 +64,8 @@ def _lost_links(days: int) -> Row:
     """Return the row of links that are lost for so many days."""
     command = [sys.executable, "-m", "benchmarks.bench_memory", "lost", str(days)]
     first, last, lasted = map(
-        float, subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+        float,
+        subprocess.run(command, check=True, capture_output=True, text=True).stdout.split(),
     )
     slope = (last - first) / (days - 1)
     return Row(
@@ -169,19 +171,31 @@ async def lose(days: int, folder: Path) -> tuple[float, float]:
         assert away.stdout is not None
         laser, machine = map(int, away.stdout.readline().split())
         text = SURVEY.format(
-            laser=f"socket://127.0.0.1:{laser}", plc_port=machine, page="false", page_port=8420
+            laser=f"socket://127.0.0.1:{laser}",
+            plc_port=machine,
+            page="false",
+            page_port=8420,
         )
         survey, recorder = parse_survey(text, "bench"), Recorder(lambda _: None)
         begun = Round(folder / "0001", {"machine": "bench"})
         session = Session(
-            survey, text, begun, recorder, on_outcome=lambda _: None, wall_offset_ns=lambda: 10**18
+            survey,
+            text,
+            begun,
+            recorder,
+            on_outcome=lambda _: None,
+            wall_offset_ns=lambda: 10**18,
         )
         lost, told = 0, list[float]()
 
         def consume(event: Event) -> None:
             nonlocal lost
             session.consume(event)
-            if isinstance(event, LinkEvent) and event.link == "laser" and event.state == "lost":
+            if (
+                isinstance(event, LinkEvent)
+                and event.link == "laser"
+                and event.state == "lost"
+            ):
                 lost += 1
                 if lost % LOST_A_DAY == 0:
                     gc.collect()
@@ -205,19 +219,25 @@ async def go_away() -> None:
     """Be a laser that sends two lines and a machine that answers once; print their ports."""
 
     async def laser(_: asyncio.StreamReader, to: asyncio.StreamWriter) -> None:
-        to.write(b"".join(b"100000 100000 %d 0 0 %d 0 0\r\n" % (1000 + at, at) for at in range(2)))
+        to.write(
+            b"".join(b"100000 100000 %d 0 0 %d 0 0\r\n" % (1000 + at, at) for at in range(2))
+        )
         to.close()
 
     async def machine(asked: asyncio.StreamReader, to: asyncio.StreamWriter) -> None:
         head = await asked.readexactly(12)
         data = bytes(2 * int.from_bytes(head[10:12], "big"))
         to.write(
-            head[:2] + struct.pack(">HHBBB", 0, 3 + len(data), head[6], head[7], len(data)) + data
+            head[:2]
+            + struct.pack(">HHBBB", 0, 3 + len(data), head[6], head[7], len(data))
+            + data
         )
         to.close()
 
     servers = [await asyncio.start_server(each, "127.0.0.1", 0) for each in (laser, machine)]
-    sys.stdout.write(" ".join(str(each.sockets[0].getsockname()[1]) for each in servers) + "\n")
+    sys.stdout.write(
+        " ".join(str(each.sockets[0].getsockname()[1]) for each in servers) + "\n"
+    )
     sys.stdout.flush()
     await asyncio.Event().wait()
 

@@ -64,7 +64,9 @@ def write(path: Path, seconds: int) -> None:
     run = {"machine": "bench", "start": msgspec.json.encode(START).decode()}
     writer = LogWriter(
         file,
-        LogHeader(survey_text=survey, wall_offset_ns=WALL_OFFSET_NS, start_ns=SECOND_NS, run=run),
+        LogHeader(
+            survey_text=survey, wall_offset_ns=WALL_OFFSET_NS, start_ns=SECOND_NS, run=run
+        ),
     )
     for second in _seconds(seconds):
         for event in second:
@@ -100,7 +102,10 @@ def _seconds(count: int) -> Iterator[list[Event]]:
             words = [second & 0xFFFF, 0, 2, 1, *[0] * 6, 2000, 2000, 10130, 500]
             events.append(
                 ModbusBlock(
-                    at, at + 400_000, BLOCK, (b"".join(word.to_bytes(2, "big") for word in words),)
+                    at,
+                    at + 400_000,
+                    BLOCK,
+                    (b"".join(word.to_bytes(2, "big") for word in words),),
                 )
             )
         yield sorted(

@@ -35,7 +35,9 @@ def survey(increments: int, *, beams: int) -> Layout:
         for k in range(beams)
         for name in BODY_DIAGONALS
     ]
-    runs = [Run(setup=name, return_pass=False, beam_offset_mm=offset) for name, offset in lines]
+    runs = [
+        Run(setup=name, return_pass=False, beam_offset_mm=offset) for name, offset in lines
+    ]
     runs += [Run(setup=name, return_pass=False) for name in LINEAR_RUNS]
     return lay_out(perfect_readings(Plan(volume=volume, runs=tuple(runs)), 0.3))
 
@@ -61,7 +63,9 @@ def seconds(work: Callable[[], object]) -> float:
 
 def adjust_once(design: Design, readings_um: np.ndarray) -> np.ndarray:
     """Return the variances of all unknowns after a fit: null space, solution and covariance."""
-    found = fit(design.rows, design.blocks, readings_um, np.full(len(readings_um), 1.0 / 0.09))
+    found = fit(
+        design.rows, design.blocks, readings_um, np.full(len(readings_um), 1.0 / 0.09)
+    )
     return found.inverse.variance()
 
 
@@ -97,7 +101,9 @@ def monte_carlo() -> Row:
     def trials() -> np.ndarray:
         total = np.zeros(len(gain))
         for _ in range(TRIALS // chunk):
-            total += np.sum((rng.standard_normal((chunk, gain.shape[1])) @ gain.T) ** 2, axis=0)
+            total += np.sum(
+                (rng.standard_normal((chunk, gain.shape[1])) @ gain.T) ** 2, axis=0
+            )
         return total
 
     drawn = rng.standard_normal((TRIALS, gain.shape[1]))
@@ -120,8 +126,12 @@ def rows() -> list[Row]:
     whole = statistics.median(seconds(lambda: estimate(layout, "FXYZ")) for _ in range(20))
     return [
         beside_lstsq("n = 10, nine functions, covariance", layout, Model(), 1),
-        beside_lstsq("n = 10, all 18, covariance", survey(10, beams=3), Model(angles=True), 1),
-        beside_lstsq("n = 100, all 18, covariance", survey(100, beams=3), Model(angles=True), 10),
+        beside_lstsq(
+            "n = 10, all 18, covariance", survey(10, beams=3), Model(angles=True), 1
+        ),
+        beside_lstsq(
+            "n = 100, all 18, covariance", survey(100, beams=3), Model(angles=True), 10
+        ),
         monte_carlo(),
         Row(
             "solver: n = 10, the whole estimate",

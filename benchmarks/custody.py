@@ -29,7 +29,9 @@ from testkit.exact.surveys import Bench
 from testkit.fleets import finished_survey, series_of
 from testkit.forgeries import flipped, signing_key
 
-LABORATORY = '[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n[laboratory]\nname = "Lab"\n'
+LABORATORY = (
+    '[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n[laboratory]\nname = "Lab"\n'
+)
 Holds = Callable[[], bool]
 
 
@@ -110,7 +112,10 @@ def survey_of_logs(folder: Path) -> tuple[list[Path], Holds]:
 
 def survey_in_a_store(folder: Path) -> tuple[list[Path], Holds]:
     """The same in a store: table, index, list, and all files of the survey."""
-    survey, store = finished_survey(folder / "survey"), Store(str(folder / "store"), create=True)
+    survey, store = (
+        finished_survey(folder / "survey"),
+        Store(str(folder / "store"), create=True),
+    )
     add(survey, store)
     refresh_index(store, most_loose=0)
     _certify(survey, "--out", folder / "c.xml")
@@ -167,7 +172,9 @@ PLACES = (
 
 
 def _files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file() and path.stat().st_size)
+    return sorted(
+        path for path in folder.rglob("*") if path.is_file() and path.stat().st_size
+    )
 
 
 def _done(*arguments: Any) -> None:
@@ -193,7 +200,9 @@ def solve_once() -> None:
     custody._again = once  # noqa: SLF001
 
 
-def missed(files: Sequence[Path], holds: Holds, flips: int, rng: np.random.Generator) -> list[str]:
+def missed(
+    files: Sequence[Path], holds: Holds, flips: int, rng: np.random.Generator
+) -> list[str]:
     """Return the files in which a flip was not found, one of ``flips`` drawn evenly over the
     files."""
     found = []

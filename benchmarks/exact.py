@@ -81,7 +81,10 @@ class ExactModel:
 
     def readings_um(self, unknowns: Array) -> Array:
         """Return what every pass reads, each relative to its own first stop, in um."""
-        machine, leaning = self.machine(unknowns), unknowns[sum(self.counts[:2]) :].reshape(-1, 2)
+        machine, leaning = (
+            self.machine(unknowns),
+            unknowns[sum(self.counts[:2]) :].reshape(-1, 2),
+        )
         parts = []
         for setup in self.setups:
             lean = (
@@ -90,7 +93,9 @@ class ExactModel:
                 else np.zeros(2)
             )
             how = Alignment(mirror_mrad=(float(lean[0]), float(lean[1])))
-            parts.append(1e3 * simulate_pass(machine, self.box, setup, 1, alignment=how).reading_mm)
+            parts.append(
+                1e3 * simulate_pass(machine, self.box, setup, 1, alignment=how).reading_mm
+            )
         return np.concatenate(parts)
 
     @cached_property
@@ -114,7 +119,8 @@ class ExactModel:
             weight.append(
                 np.full(
                     stops[place],
-                    self.noise_um["linear" if setup.startswith("linear") else "diagonal"] ** -2,
+                    self.noise_um["linear" if setup.startswith("linear") else "diagonal"]
+                    ** -2,
                 )
             )
         usual = np.concatenate(
@@ -162,9 +168,9 @@ def unmoved_um(points_mm: Array, error_um: Array) -> Array:
     """Return errors (N, 3) less the shift and rotation that fit them best."""
     lever = points_mm - points_mm.mean(axis=0)
     turns = np.stack([np.cross(axis, lever) for axis in np.eye(3)], axis=-1)
-    motions = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2).reshape(
-        -1, 6
-    )
+    motions = np.concatenate(
+        [np.broadcast_to(np.eye(3), turns.shape), turns], axis=2
+    ).reshape(-1, 6)
     flat = error_um.reshape(-1)
     rest: Array = flat - motions @ np.linalg.lstsq(motions, flat, rcond=None)[0]
     return rest.reshape(-1, 3)

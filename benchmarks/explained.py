@@ -24,11 +24,22 @@ from stepdiag.base.result.typed import written
 from stepdiag.solver.methods.solve import solve
 from stepdiag.virtual.drive.sequence import DrivenPass
 from stepdiag.virtual.physics.environment import Environment
-from stepdiag.virtual.physics.error_functions import Amplitudes, ErrorSet, Waved, random_errors
+from stepdiag.virtual.physics.error_functions import (
+    Amplitudes,
+    ErrorSet,
+    Waved,
+    random_errors,
+)
 from stepdiag.virtual.physics.growth import Growth
 from stepdiag.virtual.physics.kinematics import Pose
 from stepdiag.virtual.physics.machine import Machine, Setup
-from stepdiag.virtual.physics.optics import Beam, CornerCube, PlaneMirror, perpendiculars, tilted
+from stepdiag.virtual.physics.optics import (
+    Beam,
+    CornerCube,
+    PlaneMirror,
+    perpendiculars,
+    tilted,
+)
 from testkit.ordinary.arrivals import Scatter, arrivals
 from testkit.ordinary.shop import mean_machine
 
@@ -107,7 +118,8 @@ class Beside(Machine):
         """Return the true tool frame with the field in it."""
         pose = Machine.pose(self, commanded_mm, **how)  # type: ignore[arg-type]
         return Pose(
-            pose.origin_mm + 1e-3 * self.field_um(np.atleast_2d(commanded_mm) - self.origin_mm),
+            pose.origin_mm
+            + 1e-3 * self.field_um(np.atleast_2d(commanded_mm) - self.origin_mm),
             pose.rotation,
         )
 
@@ -127,7 +139,9 @@ def _of(component: int, size_um: float, *axes: int) -> Callable[[Array], Array]:
 
     def field_um(at: Array) -> Array:
         found = np.zeros_like(at)
-        found[:, component] = size_um * np.prod((at / np.array(SIZE_MM))[:, list(axes)], axis=1)
+        found[:, component] = size_um * np.prod(
+            (at / np.array(SIZE_MM))[:, list(axes)], axis=1
+        )
         return found
 
     return field_um
@@ -204,7 +218,9 @@ def _turning(setup: str, urad: float) -> Extra:
         lean = urad * (along - np.min(along)) / np.ptp(along) * 1e-3
         first = at[int(np.argmin(along))]
         return _exact(
-            lean * ((at - first) @ (np.cos(turn) * level + np.sin(turn) * up)) * (name == setup)
+            lean
+            * ((at - first) @ (np.cos(turn) * level + np.sin(turn) * up))
+            * (name == setup)
         )
 
     return extra
@@ -253,7 +269,9 @@ class Cycling(Growth):
 def _cycling(um_m: float, minutes: float) -> Callable[[Machine, int], Machine]:
     def cycling(machine: Machine, seed: int) -> Machine:
         phase = float(np.random.default_rng((9, seed)).uniform(0.0, 2.0 * np.pi))
-        return replace(machine, growth=Cycling(um_m=(um_m,) * 3, tau_s=60.0 * minutes, phase=phase))
+        return replace(
+            machine, growth=Cycling(um_m=(um_m,) * 3, tau_s=60.0 * minutes, phase=phase)
+        )
 
     return cycling
 
@@ -308,11 +326,17 @@ ROWS = (
     Row(name="good survey"),
     Row(name="good survey, out and back", passes=(1, 2)),
     *(
-        Row(name=f"npp {um_m:g} um/m off", extra=_scaled("npp", um_m), named=frozenset(("npp",)))
+        Row(
+            name=f"npp {um_m:g} um/m off",
+            extra=_scaled("npp", um_m),
+            named=frozenset(("npp",)),
+        )
         for um_m in (5, 20, 40, 70, 93)
     ),
     Row(
-        name="linear-y 50 um/m off", extra=_scaled("linear-y", 50.0), named=frozenset(("linear-y",))
+        name="linear-y 50 um/m off",
+        extra=_scaled("linear-y", 50.0),
+        named=frozenset(("linear-y",)),
     ),
     Row(
         name="two days, 6 K apart",
@@ -400,7 +424,12 @@ ROWS = (
         )
         for passes, way in (((1,), ""), ((1, 2), ", out and back"))
     ),
-    Row(name="wind-up 5 um over 20 mm", extra=_wound_up(5.0, 20.0), increments=20, passes=(1, 2)),
+    Row(
+        name="wind-up 5 um over 20 mm",
+        extra=_wound_up(5.0, 20.0),
+        increments=20,
+        passes=(1, 2),
+    ),
     Row(name="every beam 3 mm off at its end", beam_end_mm=3.0),
     Row(
         name="stated u 0.05, true 0.5 um",
@@ -409,7 +438,11 @@ ROWS = (
         named=frozenset(("stated-u-low",)),
     ),
     *(
-        Row(name=f"slip {um:g} um in pnp", extra=_slip("pnp", um), named=frozenset(("count-step",)))
+        Row(
+            name=f"slip {um:g} um in pnp",
+            extra=_slip("pnp", um),
+            named=frozenset(("count-step",)),
+        )
         for um in (5, 20, 200, 500, 2000)
     ),
     Row(
@@ -418,8 +451,16 @@ ROWS = (
         named=frozenset(("count-step",)),
         passes=(1, 2),
     ),
-    Row(name="stop 5 um off in ppn", extra=_stop("ppn", 5.0), named=frozenset(("stop-outlier",))),
-    Row(name="stop 20 um off in ppn", extra=_stop("ppn", 20.0), named=frozenset(("stop-outlier",))),
+    Row(
+        name="stop 5 um off in ppn",
+        extra=_stop("ppn", 5.0),
+        named=frozenset(("stop-outlier",)),
+    ),
+    Row(
+        name="stop 20 um off in ppn",
+        extra=_stop("ppn", 20.0),
+        named=frozenset(("stop-outlier",)),
+    ),
     *(
         Row(
             name=f"npp driven twice, {what} in both",
@@ -432,7 +473,9 @@ ROWS = (
             ("a step of 8 um", 8.0, True),
         )
     ),
-    Row(name="ppp wanders 5 um", extra=_wander("ppp", 5.0), named=frozenset(("pass-wanders",))),
+    Row(
+        name="ppp wanders 5 um", extra=_wander("ppp", 5.0), named=frozenset(("pass-wanders",))
+    ),
 )
 
 
@@ -450,7 +493,9 @@ class Judged:
     @property
     def silent(self) -> bool:
         """Tell whether the survey may be exported and is worse than promised."""
-        return not self.refused and self.after is not None and self.after.true > self.after.high
+        return (
+            not self.refused and self.after is not None and self.after.true > self.after.high
+        )
 
 
 def machine_of(row: Row, seed: int) -> Machine:
@@ -520,7 +565,9 @@ def drive(
         linear = setup.startswith("linear")
         lean = lean_mrad * np.array([np.cos(turn := rng.uniform(0, 2 * np.pi)), np.sin(turn)])
         ends = row.beam_end_mm / length * 1e3 * np.array([np.cos(turn), np.sin(turn)])
-        beam = tilted(direction, tuple((ends if linear or row.beam_end_mm else lean).tolist()))
+        beam = tilted(
+            direction, tuple((ends if linear or row.beam_end_mm else lean).tolist())
+        )
         through = outward[0] + (
             np.zeros(3) if linear else np.array(row.shifts_mm.get(setup, (0.0, 0.0, 0.0)))
         )
@@ -533,7 +580,10 @@ def drive(
             )
         )
         placed = Setup(
-            name=setup, beam=Beam(through - 300.0 * beam, beam), target=target, zero_mm=outward[0]
+            name=setup,
+            beam=Beam(through - 300.0 * beam, beam),
+            target=target,
+            zero_mm=outward[0],
         )
         unseen_c = 0.0 if row.unseen_c is None else row.unseen_c(setup)
         hot = replace(
@@ -551,7 +601,9 @@ def drive(
                 DrivenPass(setup, number, at, way), Scatter(arrival_um=(arrival_um,) * 3), rng
             )
             time_s = _exact(start_s + 10.0 * np.arange(len(at)))
-            reading = hot.indicated_mm(placed, at + came.off_mm, direction=came.side, time_s=time_s)
+            reading = hot.indicated_mm(
+                placed, at + came.off_mm, direction=came.side, time_s=time_s
+            )
             reading = _exact(reading + 1e-3 * rng.normal(scale=row.noise_um, size=len(at)))
             if row.extra is not None:
                 reading = _exact(
@@ -585,7 +637,9 @@ def drive(
     )
     readings = _in_each_others_place(readings, row.exchanged)
     truth = mean_machine(machine, whole["time_s"], unseen)
-    return readings, beside(machine.field_um)(truth, seed) if isinstance(machine, Beside) else truth
+    return readings, beside(machine.field_um)(truth, seed) if isinstance(
+        machine, Beside
+    ) else truth
 
 
 def _in_each_others_place(readings: Readings, exchanged: Sequence[str]) -> Readings:
@@ -620,7 +674,9 @@ def judge(row: Row, seed: int, ideal_um: float | None = None) -> Judged:
         result = solve(
             readings,
             chain=truth.chain,
-            assumed=Assumptions(between_um=usual_sizes("ordinary", row.feedback)["between_um"]),
+            assumed=Assumptions(
+                between_um=usual_sizes("ordinary", row.feedback)["between_um"]
+            ),
         )
     except StepdiagError as error:
         return Judged(

@@ -120,7 +120,13 @@ def drawn_survey(seed: int, kind: Kind, *, large: bool = False) -> Drawn:
     shop = draw_shop(rng, drawn)
     survey = drive_survey(drawn.machine, shop)
     return Drawn(
-        readings_of(survey), survey.truth, drawn.machine.chain, Assumptions(), shop.box, shop, drawn
+        readings_of(survey),
+        survey.truth,
+        drawn.machine.chain,
+        Assumptions(),
+        shop.box,
+        shop,
+        drawn,
     )
 
 
@@ -148,7 +154,9 @@ def _stated(seed: int) -> Drawn:
     machine = Machine(
         errors=_stated_errors(seed, rng, assumed, box),
         chain=str(rng.choice(CHAINS)),
-        expansion_um_m_c=_three(rng.normal(assumed.expansion_um_m_c, assumed.u_expansion_um_m_c)),
+        expansion_um_m_c=_three(
+            rng.normal(assumed.expansion_um_m_c, assumed.u_expansion_um_m_c)
+        ),
     )
     passes = int(rng.choice((1, 2, 4), p=(0.4, 0.4, 0.2)))
     shop = Shop(
@@ -170,7 +178,9 @@ def _stated(seed: int) -> Drawn:
     return Drawn(readings_of(survey), survey.truth, machine.chain, assumed, box, shop, None)
 
 
-def _stated_errors(seed: int, rng: np.random.Generator, assumed: Assumptions, box: Box) -> ErrorSet:
+def _stated_errors(
+    seed: int, rng: np.random.Generator, assumed: Assumptions, box: Box
+) -> ErrorSet:
     """Draw smooth functions of the assumed sizes, waves too short for the targets, and a reversal
     to 4 um."""
     amplitudes = Amplitudes(
@@ -192,10 +202,12 @@ def _stated_errors(seed: int, rng: np.random.Generator, assumed: Assumptions, bo
             functions[f"E{letter}{letter}"], size, period_mm, phase
         )
     lost = {
-        f"E{letter}{letter}": Table((0.0,), (-float(rng.uniform(0.0, 4.0)),)) for letter in AXES
+        f"E{letter}{letter}": Table((0.0,), (-float(rng.uniform(0.0, 4.0)),))
+        for letter in AXES
     }
     squareness = {
-        name: float(rng.normal(scale=assumed.squareness_urad)) for name in drawn.squareness_urad
+        name: float(rng.normal(scale=assumed.squareness_urad))
+        for name in drawn.squareness_urad
     }
     return replace(drawn, functions=functions, squareness_urad=squareness, reversal=lost)
 
@@ -232,7 +244,9 @@ def judge_survey(seed: int, kind: Kind, *, large: bool = False) -> Judged:
         warnings=_codes(result, "warning"),
         export=export_codes(result),
         texts=tuple(
-            f"{each.code}: {each.words}" for each in result.findings if each.severity != "info"
+            f"{each.code}: {each.words}"
+            for each in result.findings
+            if each.severity != "info"
         ),
         before=before,
         after=after,
@@ -249,14 +263,20 @@ def about(survey: Drawn) -> str:
         else f"{survey.drawn.quality}, {survey.drawn.feedback}"
     )
     size = "x".join(f"{length:g}" for length in box.size_mm)
-    program = f"{box.decimals} decimals{', G91' if box.incremental else ''}, overrun {shop.overrun}"
+    program = (
+        f"{box.decimals} decimals{', G91' if box.incremental else ''}, overrun {shop.overrun}"
+    )
     positions = (
         f"{shop.registers.shows} positions "
         f"({max((*shop.scatter.servo_um, shop.registers.scatter_um)):.1f} um)"
     )
-    scatter = f"repeats to {max(shop.scatter.arrival_um):.2f} um, u {shop.beam.noise_um:.2f} um"
+    scatter = (
+        f"repeats to {max(shop.scatter.arrival_um):.2f} um, u {shop.beam.noise_um:.2f} um"
+    )
     counts = f"n {box.increments}, {len(shop.setups)} setups, {shop.passes} passes"
-    return f"{machine}, {survey.chain}, {size} mm, {counts}, {program}, {positions}, {scatter}"
+    return (
+        f"{machine}, {survey.chain}, {size} mm, {counts}, {program}, {positions}, {scatter}"
+    )
 
 
 def told_of(result: Result, truth: Machine, box: Box) -> tuple[Told, Told]:
@@ -286,7 +306,10 @@ def export_codes(result: Result) -> tuple[str, ...]:
         prediction = predict(result, *made.standing.acting(result, profile))
     except StepdiagError as error:
         return (_refusal("export", error),)
-    findings = (*run_checks(made.case), *worse_findings(prediction, made.standing, result, profile))
+    findings = (
+        *run_checks(made.case),
+        *worse_findings(prediction, made.standing, result, profile),
+    )
     return tuple(
         sorted(
             {
@@ -332,7 +355,9 @@ def table(judged: Sequence[Judged]) -> str:
         key=lambda code: (*(-column[code] for column in counts), code),
     )
     rows = [(code, *(column[code] for column in counts)) for code in codes]
-    rows.append(("any", *(sum(bool(getattr(one, column)) for one in judged) for column in COLUMNS)))
+    rows.append(
+        ("any", *(sum(bool(getattr(one, column)) for one in judged) for column in COLUMNS))
+    )
     lines = [
         f"| {code} | {' | '.join(_share(each, count) for each in shares)} |"
         for code, *shares in rows
@@ -371,14 +396,19 @@ def promises(judged: Sequence[Judged]) -> str:
     ]
     for when in ("before", "after"):
         told = [getattr(one, when) for one in kept]
-        inside, below = sum(one.inside for one in told), sum(one.true < one.low for one in told)
+        inside, below = (
+            sum(one.inside for one in told),
+            sum(one.true < one.low for one in told),
+        )
         lines.append(
             f"- {when}: true rms inside the interval {_share(inside, len(told))}, below it "
             f"{_share(below, len(told))}"
         )
     for kind in ("functions", "squareness", "scale"):
         values = [value for one in kept for value in one.within.get(kind, [])]
-        lines.append(f"- {kind} within 2u: {_share(sum(values), len(values))} of {len(values)}")
+        lines.append(
+            f"- {kind} within 2u: {_share(sum(values), len(values))} of {len(values)}"
+        )
     return "\n".join(lines)
 
 
@@ -393,7 +423,9 @@ def print_false_alarms(
     """Print the table and the promises of the distributions, and the seeds of the refused surveys;
     ``large``: ordinary axes of 1 to 4 m."""
     for kind in kinds:
-        judged = judged_surveys(range(first, first + count), kind, workers=workers, large=large)
+        judged = judged_surveys(
+            range(first, first + count), kind, workers=workers, large=large
+        )
         print(
             f"\n{kind}: {count} good surveys, seeds {first} to "
             f"{first + count - 1}\n\n{table(judged)}\n\n{promises(judged)}"

@@ -62,7 +62,8 @@ class Life:
     def facts(self, number: int, **stated: object) -> None:
         """State something of one survey."""
         result = self.results[number]
-        self.results[number] = replace(result, survey=replace(result.survey or Facts(), **stated))  # type: ignore[arg-type]
+        facts = replace(result.survey or Facts(), **stated)  # type: ignore[arg-type]
+        self.results[number] = replace(result, survey=facts)
 
 
 Fate = Callable[[Life, np.random.Generator], None]
@@ -73,7 +74,8 @@ def pool_of(number: int) -> list[Result]:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     machine = machine_of(CASE, FIRST_SEED + number)
     return [
-        solve(drive(CASE, machine, 100 * (FIRST_SEED + number) + survey)) for survey in range(POOL)
+        solve(drive(CASE, machine, 100 * (FIRST_SEED + number) + survey))
+        for survey in range(POOL)
     ]
 
 
@@ -94,7 +96,10 @@ def _squarer(result: Result, name: str, by: float) -> Result:
     assert value is not None
     return replace(
         result,
-        squareness={**result.squareness, name: replace(result.squareness[name], value=value + by)},
+        squareness={
+            **result.squareness,
+            name: replace(result.squareness[name], value=value + by),
+        },
     )
 
 
@@ -103,7 +108,10 @@ def _bent(result: Result, name: str, by: Callable[[Function], Vector]) -> Result
     assert function.value is not None
     return replace(
         result,
-        errors={**result.errors, name: replace(function, value=function.value + by(function))},
+        errors={
+            **result.errors,
+            name: replace(function, value=function.value + by(function)),
+        },
     )
 
 
@@ -247,7 +255,10 @@ def smaller(life: Life, dice: np.random.Generator) -> None:
         }
         x, y, z = (0.8 * each for each in result.volume.size_mm)
         life.results[number] = replace(
-            result, errors=errors, reversal={}, volume=replace(result.volume, size_mm=(x, y, z))
+            result,
+            errors=errors,
+            reversal={},
+            volume=replace(result.volume, size_mm=(x, y, z)),
         )
 
 
@@ -266,7 +277,9 @@ def coarser(life: Life, dice: np.random.Generator) -> None:
             for name, each in result.errors.items()
             if each.value is not None and len(each.position_mm) == 6
         }
-        life.results[number] = replace(result, errors={**result.errors, **errors}, reversal={})
+        life.results[number] = replace(
+            result, errors={**result.errors, **errors}, reversal={}
+        )
 
 
 def other_laser(life: Life, dice: np.random.Generator) -> None:
@@ -289,7 +302,9 @@ def other_software(life: Life, dice: np.random.Generator) -> None:
     """Solve by another version from some survey on."""
     for number in range(int(dice.integers(1, len(life.results))), len(life.results)):
         result = life.results[number]
-        life.results[number] = replace(result, software=replace(result.software, version="0.1"))
+        life.results[number] = replace(
+            result, software=replace(result.software, version="0.1")
+        )
 
 
 def scattering(life: Life, dice: np.random.Generator) -> None:
@@ -430,7 +445,9 @@ def judge(life: Life, count: Count) -> None:
             count.days += 1
             day = BEGIN + timedelta(days=life.leaves[1])
             early, late = each.leaving.earliest, each.leaving.latest
-            count.days_held += early is not None and early <= day and (late is None or day <= late)
+            count.days_held += (
+                early is not None and early <= day and (late is None or day <= late)
+            )
     _judge_pair(life, count)
 
 
@@ -443,7 +460,9 @@ def _judge_pair(life: Life, count: Count) -> None:
     )
     if life.course in ("step", "line"):
         count.pairs_changed += len(life.touched)
-        count.pairs_denied += sum(changes[name].verdict == "unchanged" for name in life.touched)
+        count.pairs_denied += sum(
+            changes[name].verdict == "unchanged" for name in life.touched
+        )
 
 
 def rows(machines: int, first: int = 0, only: str = "") -> dict[tuple[str, str], Count]:
@@ -463,7 +482,11 @@ def rows(machines: int, first: int = 0, only: str = "") -> dict[tuple[str, str],
                 for number in numbers:
                     judge(
                         lived(
-                            pools[number], truths[number], fate, days, (place, len(days), number)
+                            pools[number],
+                            truths[number],
+                            fate,
+                            days,
+                            (place, len(days), number),
                         ),
                         count,
                     )
@@ -489,7 +512,10 @@ def print_table(found: Mapping[tuple[str, str], Count]) -> None:
         )
         print(f"| {fate} | {calendar} | {' | '.join(parts)} |")
     total = list(found.values())
-    invented, machines = sum(each.invented for each in total), sum(each.machines for each in total)
+    invented, machines = (
+        sum(each.invented for each in total),
+        sum(each.machines for each in total),
+    )
     held, days = sum(each.days_held for each in total), sum(each.days for each in total)
     since, steps = sum(each.since for each in total), sum(each.steps for each in total)
     denied = sum(each.denied for each in total)
@@ -502,7 +528,9 @@ def print_table(found: Mapping[tuple[str, str], Count]) -> None:
 def main() -> None:
     """Draw the lives and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--machines", type=int, default=MACHINES, help="of each fate and calendar")
+    parser.add_argument(
+        "--machines", type=int, default=MACHINES, help="of each fate and calendar"
+    )
     parser.add_argument(
         "--first",
         type=int,

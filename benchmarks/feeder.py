@@ -55,8 +55,12 @@ def main() -> None:
     """Feed until SIGTERM, or until standard input ends."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--rate", type=float, required=True)
-    parser.add_argument("--every-s", type=float, default=0.005, help="how often lines are written")
-    parser.add_argument("--stamps", type=Path, help="where the time of each line's writing is kept")
+    parser.add_argument(
+        "--every-s", type=float, default=0.005, help="how often lines are written"
+    )
+    parser.add_argument(
+        "--stamps", type=Path, help="where the time of each line's writing is kept"
+    )
     parser.add_argument("--link", type=Path, required=True)
     options = parser.parse_args()
     socketserver.ThreadingTCPServer.daemon_threads = True
@@ -80,7 +84,11 @@ def main() -> None:
 
 
 def feed(
-    line: SerialLine, rate_hz: float, every_s: float, stamps: Path | None, done: threading.Event
+    line: SerialLine,
+    rate_hz: float,
+    every_s: float,
+    stamps: Path | None,
+    done: threading.Event,
 ) -> None:
     """Write lines at a rate; those that are late are made up for."""
     board = UmdBoard(BOARDS["umd2"], rate_hz=rate_hz)
@@ -90,12 +98,16 @@ def feed(
         due = int((time.monotonic() - began) * rate_hz) - sent
         due = min(due, int(0.02 * rate_hz) + 1)
         if due > 0:
-            lines = board.encode(100.0 + noise.normal(0.0, NOISE_MM, due), np.ones(due, dtype=bool))
+            lines = board.encode(
+                100.0 + noise.normal(0.0, NOISE_MM, due), np.ones(due, dtype=bool)
+            )
             line.write(lines)
             sent += due
             times.append((sent - 1, now_ns()))
         pause = (
-            began + (sent + 1) / rate_hz - time.monotonic() if every_s * rate_hz <= 1 else every_s
+            began + (sent + 1) / rate_hz - time.monotonic()
+            if every_s * rate_hz <= 1
+            else every_s
         )
         if pause > 0:
             select.select([], [], [], pause)

@@ -37,7 +37,11 @@ from stepdiag.virtual.physics.machine import Machine
 CASE = Case(name="a machine of the works", angle_urad=4.0, increments=2)
 BOX = CASE.box
 SIZES = Amplitudes(
-    positioning_um=6.0, straightness_um=5.0, angle_urad=4.0, scale_um_m=10.0, squareness_urad=15.0
+    positioning_um=6.0,
+    straightness_um=5.0,
+    angle_urad=4.0,
+    scale_um_m=10.0,
+    squareness_urad=15.0,
 )
 FIRST = datetime(2016, 1, 15, 10, 0, tzinfo=UTC)
 QUARTER = timedelta(days=91.3125)
@@ -78,7 +82,9 @@ def life_of(number: int, surveys: int) -> Life:
     if number % 4 == 3:
         return Life(
             number=number,
-            crash=int(dice.integers(surveys // 4 + 1, max(3 * surveys // 4, surveys // 4 + 2))),
+            crash=int(
+                dice.integers(surveys // 4 + 1, max(3 * surveys // 4, surveys // 4 + 2))
+            ),
             step=sign * float(dice.uniform(25.0, 70.0)),
         )
     return Life(number=number)
@@ -184,15 +190,21 @@ def judged(trends: Sequence[Trend], lives: dict[str, Life]) -> Judged:
         for each in trends
         if not (_moved(lives[each.series.machine]) and _touched(each.series.quantity))
     ]
-    watched = {each.series.machine: each for each in trends if each.series.quantity == WATCHED}
-    crashed = [(watched[life.name], life) for life in lives.values() if life.crash is not None]
+    watched = {
+        each.series.machine: each for each in trends if each.series.quantity == WATCHED
+    }
+    crashed = [
+        (watched[life.name], life) for life in lives.values() if life.crash is not None
+    ]
     drifted = [(watched[life.name], life) for life in lives.values() if life.drift]
     slopes = [
         each.line is not None and abs(each.line.size - life.drift) <= 2 * each.line.u
         for each, life in drifted
     ]
     leaving = [
-        (each, life) for each, life in drifted if each.leaving is not None and each.outside == "no"
+        (each, life)
+        for each, life in drifted
+        if each.leaving is not None and each.outside == "no"
     ]
     return Judged(
         still=len(quiet),
@@ -218,7 +230,9 @@ def _touched(quantity: str) -> bool:
 def _found(trend: Trend, life: Life) -> bool:
     """Tell whether the crash is said, before the right survey, with its name."""
     (crash,) = (
-        number for number, survey in enumerate(trend.series.surveys) if survey.event == "crash"
+        number
+        for number, survey in enumerate(trend.series.surveys)
+        if survey.event == "crash"
     )
     return any(
         step.at == crash
@@ -230,9 +244,9 @@ def _found(trend: Trend, life: Life) -> bool:
 
 def _in_time(trend: Trend, life: Life) -> bool:
     """Tell whether the true day of leaving lies in the interval that is said."""
-    begun = random_errors(1000 + life.number, BOX.origin_mm, BOX.size_mm, SIZES).squareness_urad[
-        WATCHED
-    ]
+    begun = random_errors(
+        1000 + life.number, BOX.origin_mm, BOX.size_mm, SIZES
+    ).squareness_urad[WATCHED]
     day = FIRST + YEAR * ((np.copysign(TOLERANCE_URAD, life.drift) - begun) / life.drift)
     leaving = trend.leaving
     assert leaving is not None
@@ -278,7 +292,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("store")
     parser.add_argument("--machines", type=int, default=200)
-    parser.add_argument("--surveys", type=int, default=40, help="of each machine, four a year")
+    parser.add_argument(
+        "--surveys", type=int, default=40, help="of each machine, four a year"
+    )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument(
         "--first",
@@ -289,12 +305,16 @@ def main() -> None:
     options = parser.parse_args()
     began = time.monotonic()
     solved = sum(
-        generate(options.store, options.machines, options.surveys, options.workers, options.first)
+        generate(
+            options.store, options.machines, options.surveys, options.workers, options.first
+        )
     )
     store = Store(options.store)
     refresh_index(store, most_loose=0)
     print(f"{solved} surveys driven and solved in {time.monotonic() - began:.0f} s")
-    print(judged(trends_in(store), lives_of(options.machines, options.surveys, options.first)))
+    print(
+        judged(trends_in(store), lives_of(options.machines, options.surveys, options.first))
+    )
 
 
 if __name__ == "__main__":

@@ -21,7 +21,9 @@ def print_sequences(rounds: int, how: str = "") -> None:
     from testkit.exact import hasty, others
 
     def at_sinumerik(story: hasty.Story, seed: int, folder: Path) -> tuple[str, float, float]:
-        ended: tuple[str, float, float] = hasty.lived(story, seed, folder, proof=how == "proof")
+        ended: tuple[str, float, float] = hasty.lived(
+            story, seed, folder, proof=how == "proof"
+        )
         return ended
 
     stories, lived = (

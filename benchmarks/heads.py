@@ -147,7 +147,9 @@ class Rig:
         case = self.case
         back = str(case.passes > 1).lower()
         return parse_survey(
-            SURVEY.format(travel=case.travel_mm, stops=case.stops, near=case.near_mm, back=back),
+            SURVEY.format(
+                travel=case.travel_mm, stops=case.stops, near=case.near_mm, back=back
+            ),
             "survey.toml",
         )
 
@@ -190,7 +192,10 @@ class Rig:
             STAND,
         )
         return head.channels(
-            pose, time_s, np.full(len(time_s), float(lit)), np.full(len(time_s), float(wobbled))
+            pose,
+            time_s,
+            np.full(len(time_s), float(lit)),
+            np.full(len(time_s), float(wobbled)),
         )
 
     def commissioning(self) -> list[Standing]:
@@ -206,13 +211,18 @@ class Rig:
                     time = now + np.arange(0.0, 2.0, 0.01)
                     missed = rng.normal(0.0, self.case.jog_um, size=2)
                     standings.append(
-                        self._standing(way, jog, time, self.look(head, way, jog + missed, time))
+                        self._standing(
+                            way, jog, time, self.look(head, way, jog + missed, time)
+                        )
                     )
                     now += 3.0
             time = now + np.arange(0.0, 30.0, 0.01)
             standings.append(
                 self._standing(
-                    way, np.zeros(2), time, self.look(head, way, np.zeros(2), time, wobbled=True)
+                    way,
+                    np.zeros(2),
+                    time,
+                    self.look(head, way, np.zeros(2), time, wobbled=True),
                 )
             )
             now += 60.0
@@ -240,12 +250,20 @@ class Rig:
                     head, stop / self.case.stops, np.zeros(2), now + np.arange(0.0, 0.5, 0.02)
                 )
                 book.add(
-                    self._stop(counts, int(stop), outward=number % 2 == 0, time_s=now, rng=rng)
+                    self._stop(
+                        counts, int(stop), outward=number % 2 == 0, time_s=now, rng=rng
+                    )
                 )
         return book
 
     def _stop(
-        self, counts: Counts, stop: int, *, outward: bool, time_s: float, rng: np.random.Generator
+        self,
+        counts: Counts,
+        stop: int,
+        *,
+        outward: bool,
+        time_s: float,
+        rng: np.random.Generator,
     ) -> CapturedStop:
         mean, u = counts.mean(axis=0), counts.std(axis=0, ddof=1) / math.sqrt(len(counts))
         noise = self.case.noise_urad * 1e-6 * 150.0 / 2.0 * 1e6
@@ -276,12 +294,15 @@ class Rig:
 
 def new_file() -> HeadFile:
     """Return the file that `fourdof new` writes."""
-    return HeadFile(head=HeadIdentity(id="4D-43", format="fourdof", date="2026-03-31", version=2))
+    return HeadFile(
+        head=HeadIdentity(id="4D-43", format="fourdof", date="2026-03-31", version=2)
+    )
 
 
 def after(rig: Rig) -> HeadFile:
     """Return what the commissioning finds."""
-    return commission(rig.commissioning(), new_file(), rig.survey().head.z, "z", "2026-11-26").file  # type: ignore[union-attr]
+    line = rig.survey().head.z  # type: ignore[union-attr]
+    return commission(rig.commissioning(), new_file(), line, "z", "2026-11-26").file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,7 +341,9 @@ def seen(rig: Rig, file: HeadFile) -> Seen:
         errors.append((known.value_urad - true)[1:])
         u.append(known.u_urad[1:])
         kind.append(np.zeros(len(true) - 1, dtype=np.bool_))
-    return Seen(error=np.concatenate(errors), u=np.concatenate(u), straight=np.concatenate(kind))
+    return Seen(
+        error=np.concatenate(errors), u=np.concatenate(u), straight=np.concatenate(kind)
+    )
 
 
 def tried(case: Case, seeds: Sequence[int]) -> Iterator[Seen | None]:
@@ -347,7 +370,9 @@ def line(case: Case, seeds: Sequence[int]) -> str:
         ]
         rms = math.sqrt(
             float(
-                np.mean(np.concatenate([one.error[one.straight == straight] for one in runs]) ** 2)
+                np.mean(
+                    np.concatenate([one.error[one.straight == straight] for one in runs]) ** 2
+                )
             )
         )
         parts += [f"{100 * float(np.mean(within)):.0f}", f"{rms:.2f}"]

@@ -95,7 +95,12 @@ CASES = (
     Case(name="10 urad, XFYZ", angle_urad=10, chain="XFYZ"),
     Case(name="10 urad, XYZF", angle_urad=10, chain="XYZF"),
     Case(name="10 urad, drift 2 um/h", angle_urad=10, drift_um_h=2.0),
-    Case(name="5 urad, backlash 4 um, out and back", angle_urad=5, backlash_um=4.0, passes=(1, 2)),
+    Case(
+        name="5 urad, backlash 4 um, out and back",
+        angle_urad=5,
+        backlash_um=4.0,
+        passes=(1, 2),
+    ),
     Case(name="5 urad, 0.1 C/h", angle_urad=5, warming_c_h=0.1),
     *(
         Case(name=f"5 urad, {count} waves an axis", angle_urad=5, waves=count)
@@ -104,7 +109,9 @@ CASES = (
     Case(name="10 urad, four diagonals alone", angle_urad=10, setups=SETUPS[:4]),
     Case(name="10 urad, four diagonals and X", angle_urad=10, setups=SETUPS[:5]),
     Case(
-        name="10 urad, three diagonals and runs", angle_urad=10, setups=(*SETUPS[:3], *SETUPS[4:])
+        name="10 urad, three diagonals and runs",
+        angle_urad=10,
+        setups=(*SETUPS[:3], *SETUPS[4:]),
     ),
     Case(name="10 urad, four increments", angle_urad=10, increments=4),
     Case(name="5 urad, twenty increments", angle_urad=5, increments=20),
@@ -172,7 +179,8 @@ def machine_of(case: Case, seed: int) -> Machine:
         reversal=lost,
     )
     drift = tuple(
-        float(one) for one in case.drift_um_h * np.random.default_rng(seed).choice([-1.0, 1.0], 3)
+        float(one)
+        for one in case.drift_um_h * np.random.default_rng(seed).choice([-1.0, 1.0], 3)
     )
     hall = Environment(material_c=Course(start=20.0, per_hour=case.warming_c_h))
     return Machine(
@@ -199,9 +207,14 @@ def drive(case: Case, machine: Machine, seed: int) -> Readings:
         for number in case.passes:
             scatter = Scatter(arrival_um=(case.repeatability_um,) * 3)
             taken = Conditions(
-                noise_um=noise, seed=int(rng.integers(1 << 31)), start_s=start_s, scatter=scatter
+                noise_um=noise,
+                seed=int(rng.integers(1 << 31)),
+                start_s=start_s,
+                scatter=scatter,
             )
-            one = simulate_pass(machine, case.box, setup, number, alignment=how, conditions=taken)
+            one = simulate_pass(
+                machine, case.box, setup, number, alignment=how, conditions=taken
+            )
             parts.append((setup, number, one, noise))
             start_s = float(one.time_s[-1]) + 600.0
     return make_readings(
@@ -210,7 +223,14 @@ def drive(case: Case, machine: Machine, seed: int) -> Readings:
         u_um=[noise for *_, one, noise in parts for _ in one.stop],
         **{
             name: np.concatenate([getattr(one, name) for _, _, one, _ in parts])
-            for name in ("stop", "position_mm", "reading_mm", "beam_mm", "time_s", "temperature_c")
+            for name in (
+                "stop",
+                "position_mm",
+                "reading_mm",
+                "beam_mm",
+                "time_s",
+                "temperature_c",
+            )
         },
     )
 
@@ -240,18 +260,24 @@ def judge(case: Case, seed: int, exact: ExactModel | None) -> Verdict:
     said = predicted(result, points, -found).without_rigid_motion
     fields: dict[When, NDArray[np.float64]] = {"before": true, "after": true - found}
     before, after = (
-        Told(left_um(points, field), **written(said[when].rms_um)) for when, field in fields.items()
+        Told(left_um(points, field), **written(said[when].rms_um))
+        for when, field in fields.items()
     )
     best = exact.solve(readings.reading_mm * 1e3) if exact else None
     bound = left_um(points, true - best.error_at(points)) if best else float("nan")
     return Verdict(
-        within=within(result, machine, case.increments), before=before, after=after, bound_um=bound
+        within=within(result, machine, case.increments),
+        before=before,
+        after=after,
+        bound_um=bound,
     )
 
 
 def _exact(case: Case) -> ExactModel:
     # it takes what each move misses by for noise of the stop
-    noise_um = {kind: float(np.hypot(um, case.repeatability_um)) for kind, um in NOISE_UM.items()}
+    noise_um = {
+        kind: float(np.hypot(um, case.repeatability_um)) for kind, um in NOISE_UM.items()
+    }
     return ExactModel(
         box=case.box,
         setups=tuple(case.setups),
@@ -294,7 +320,9 @@ def row(case: Case, seeds: Sequence[int]) -> tuple[str, list[Verdict]]:
 def wider(verdicts: Sequence[Verdict], when: str = "after") -> float:
     """Return how many times wider the intervals (after compensation, or before) are than 95 % of
     these machines needed."""
-    return 1.0 / max(float(np.quantile([getattr(one, when).used for one in verdicts], 0.95)), 1e-9)
+    return 1.0 / max(
+        float(np.quantile([getattr(one, when).used for one in verdicts], 0.95)), 1e-9
+    )
 
 
 def print_mixed(seeds: Sequence[int]) -> None:
@@ -342,7 +370,9 @@ def main() -> None:
         help="N surveys of each truth beside the model, and no other table",
     )
     parser.add_argument(
-        "--large", action="store_true", help="false alarms: ordinary machines with axes of 1 to 4 m"
+        "--large",
+        action="store_true",
+        help="false alarms: ordinary machines with axes of 1 to 4 m",
     )
     options = parser.parse_args()
     first = FIRST_SEED if options.first is None else options.first

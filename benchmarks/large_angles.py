@@ -41,7 +41,9 @@ class Plain:
         size = np.array(explained.SIZE_MM)
         model = ExactModel(
             box=Box(
-                origin_mm=(0.0, 0.0, 0.0), size_mm=explained.SIZE_MM, increments=row.increments
+                origin_mm=(0.0, 0.0, 0.0),
+                size_mm=explained.SIZE_MM,
+                increments=row.increments,
             ),
             setups=row.setups,
             noise_um={},
@@ -51,13 +53,18 @@ class Plain:
         count = sum(model.counts[:2])
         start = _quiet(row, model.machine(np.zeros(count)))
         start_um = 1e3 * start.reading_mm
-        own = [1e3 * _quiet(row, model.machine(one)).reading_mm - start_um for one in np.eye(count)]
+        own = [
+            1e3 * _quiet(row, model.machine(one)).reading_mm - start_um
+            for one in np.eye(count)
+        ]
         beside, usual = _leans_and_zeros(start, size)
         slopes = np.column_stack([*own, *beside])
         prior = np.concatenate([np.full(model.counts[0], FREE_UM), model.usual_urad(), usual])
         weight = 1.0 / (explained.NOISE_UM**2 + explained.REPEATABILITY_UM**2)
         matrix = weight * slopes.T @ slopes + np.diag(prior**-2.0)
-        gain: Array = np.linalg.solve(matrix, weight * slopes.T).astype(np.float64, copy=False)
+        gain: Array = np.linalg.solve(matrix, weight * slopes.T).astype(
+            np.float64, copy=False
+        )
         return cls(model=model, start_um=start_um, gain=gain[:count])
 
     def machine(self, readings: Readings) -> Machine:
@@ -67,7 +74,9 @@ class Plain:
 
 def _quiet(row: explained.Row, machine: Machine) -> Readings:
     """Return the readings of a machine without noise, misses and lean."""
-    return explained.drive(replace(row, noise_um=0.0, stated_um=1.0), machine, 0, still=True)[0]
+    return explained.drive(replace(row, noise_um=0.0, stated_um=1.0), machine, 0, still=True)[
+        0
+    ]
 
 
 def _leans_and_zeros(readings: Readings, size_mm: Array) -> tuple[list[Array], Array]:
@@ -113,7 +122,9 @@ def _rms(values: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def main(count: int, angles_urad: Sequence[float], show: Callable[[str], None] = print) -> None:
+def main(
+    count: int, angles_urad: Sequence[float], show: Callable[[str], None] = print
+) -> None:
     """Print the table."""
     show("| surveys | left, um | plain estimator | ratio | inside the promise | silent |")
     show("|---|---|---|---|---|---|")

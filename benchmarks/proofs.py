@@ -87,13 +87,18 @@ def again(case: Case, machine: Machine, seed: int) -> Readings:
                 Scatter(arrival_um=(case.repeatability_um,) * 3),
             )
             taken = Conditions(
-                noise_um=noise, seed=int(rng.integers(1 << 31)), start_s=start_s, scatter=scatter
+                noise_um=noise,
+                seed=int(rng.integers(1 << 31)),
+                start_s=start_s,
+                scatter=scatter,
             )
             parts.append(
                 (
                     setup,
                     number,
-                    simulate_pass(machine, BOX, setup, number, alignment=how, conditions=taken),
+                    simulate_pass(
+                        machine, BOX, setup, number, alignment=how, conditions=taken
+                    ),
                 )
             )
             start_s = float(parts[-1][2].time_s[-1]) + 60.0
@@ -128,8 +133,12 @@ def states(texts: Sequence[str], tables: Sequence[Table], seed: int) -> Iterator
             wrong={table.name: code for table in some},
         )
     names = {AXES[one]: AXES[other] for one, other in (pair, pair[::-1])}
-    swapped = [re.sub(r"AX\d", lambda found: names.get(found[0], found[0]), text) for text in texts]
-    one_kind = [new if "AA_ENC" in new else old for new, old in zip(swapped, texts, strict=True)]
+    swapped = [
+        re.sub(r"AX\d", lambda found: names.get(found[0], found[0]), text) for text in texts
+    ]
+    one_kind = [
+        new if "AA_ENC" in new else old for new, old in zip(swapped, texts, strict=True)
+    ]
     for name, changed, kinds in (
         ("measuring system of two axes", one_kind, ("eec",)),
         ("axes of all", swapped, ("eec", "cec")),
@@ -181,7 +190,10 @@ def proofs(case: Case, seed: int) -> Iterator[tuple[Tried, Proof]]:
         yield (
             tried,
             prove(
-                result, readings, again(case, replace(machine, compensations=loaded), seed), tables
+                result,
+                readings,
+                again(case, replace(machine, compensations=loaded), seed),
+                tables,
             ),
         )
 

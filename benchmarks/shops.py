@@ -73,12 +73,17 @@ def judge(found: Any, count: Count) -> None:
     """Count a shop."""
     count.shops += 1
     files, stops = found.files, named_after(found)
-    left = None if files is None or files.after_um is None else files.after_um / files.before_um
+    left = (
+        None if files is None or files.after_um is None else files.after_um / files.before_um
+    )
     right = left is not None and left <= LEFT
     count.right += right
     count.wrong += left is not None and left > LEFT
     count.findings.append(
-        sum(each.severity != "info" and each.code != "signals-absent" for each in found.findings)
+        sum(
+            each.severity != "info" and each.code != "signals-absent"
+            for each in found.findings
+        )
     )
     if stops is not None:
         count.named += 1
@@ -86,7 +91,8 @@ def judge(found: Any, count: Count) -> None:
     elif not right and not found.shop.faults:
         count.dead.append(found.shop.seed)
     if any(
-        not found.shop.line or not line.startswith(found.shop.line) for _, line in _lines(found)
+        not found.shop.line or not line.startswith(found.shop.line)
+        for _, line in _lines(found)
     ):
         count.false.append(found.shop.seed)
 
@@ -143,7 +149,11 @@ def print_table(table: dict[str, Count]) -> None:
     )
     print("|---|---|---|---|---|---|---|---|---|")
     for cause, each in table.items():
-        stops = f"{statistics.median(each.stops):g}, most {max(each.stops)}" if each.stops else "-"
+        stops = (
+            f"{statistics.median(each.stops):g}, most {max(each.stops)}"
+            if each.stops
+            else "-"
+        )
         print(
             f"| {cause} | {each.shops} | {each.right} | {each.named} | {stops} | "
             f"{statistics.median(each.findings):g} "
@@ -167,10 +177,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--shops", type=int, default=SHOPS)
     parser.add_argument(
-        "--first", type=int, default=0, help="number of the first shop: others are other shops"
+        "--first",
+        type=int,
+        default=0,
+        help="number of the first shop: others are other shops",
     )
     parser.add_argument("--cause", default="", help="only causes that contain this")
-    parser.add_argument("--clean", action="store_true", help="surveys at which nothing is wrong")
+    parser.add_argument(
+        "--clean", action="store_true", help="surveys at which nothing is wrong"
+    )
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.shops)
     if options.clean:

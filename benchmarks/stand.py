@@ -99,7 +99,9 @@ def feeding(
 ) -> Iterator[Path]:
     """Run a feeder; yield the survey file that fits it."""
     given = [
-        part for name, value in options.items() for part in (f"--{name.replace('_', '-')}", value)
+        part
+        for name, value in options.items()
+        for part in (f"--{name.replace('_', '-')}", value)
     ]
     with running(
         "benchmarks.feeder", "--rate", rate_hz, "--link", folder / "laser", *given
@@ -107,7 +109,9 @@ def feeding(
         assert feeder.stdout is not None
         ready = json.loads(feeder.stdout.readline())
         survey = folder / "survey.toml"
-        survey.write_text(SURVEY.format(**ready, page=str(page).lower(), page_port=reserved_port()))
+        survey.write_text(
+            SURVEY.format(**ready, page=str(page).lower(), page_port=reserved_port())
+        )
         yield survey
 
 

@@ -79,7 +79,9 @@ def survey(increments: int, repeats: int) -> Readings:
     )
     plan = Plan(
         volume=volume,
-        runs=tuple(Run(setup=name, repeats=repeats) for name in (*BODY_DIAGONALS, *LINEAR_RUNS)),
+        runs=tuple(
+            Run(setup=name, repeats=repeats) for name in (*BODY_DIAGONALS, *LINEAR_RUNS)
+        ),
     )
     readings = perfect_readings(plan, NOISE_UM)
     back = readings.pass_number % 2 == 0
@@ -92,7 +94,9 @@ def survey(increments: int, repeats: int) -> Readings:
     counted_mm = readings.reading_mm + np.where(back, length_mm - 1e-3 * REVERSAL_UM, 0.0)
     noise_mm = 1e-3 * NOISE_UM * np.random.default_rng(0).standard_normal(len(readings))
     return replace(
-        readings, reading_mm=counted_mm + noise_mm, zero=np.ones(len(readings), dtype=np.int64)
+        readings,
+        reading_mm=counted_mm + noise_mm,
+        zero=np.ones(len(readings), dtype=np.int64),
     )
 
 

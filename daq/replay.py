@@ -49,7 +49,10 @@ class Replayed:
     def stops(self) -> list[CapturedStop]:
         """Return every stop of the logs in the order of its capture."""
         return [
-            each for log in self.logs for each in log.outcomes if isinstance(each, CapturedStop)
+            each
+            for log in self.logs
+            for each in log.outcomes
+            if isinstance(each, CapturedStop)
         ]
 
 
@@ -79,7 +82,9 @@ def find_logs(paths: Sequence[Path]) -> list[Path]:
     if not logs:
         named = ", ".join(str(path) for path in paths)
         remedy = message("one-survey")
-        raise DataError(named, expected=message("one-log"), found=message("none"), remedy=remedy)
+        raise DataError(
+            named, expected=message("one-log"), found=message("none"), remedy=remedy
+        )
     return logs
 
 
@@ -111,7 +116,10 @@ def replay(
     if survey_file is not None:
         text = read_text(survey_file)
     survey = parse_survey(
-        text, survey_file.name if survey_file is not None else f"{opened[0].path.name}: survey.toml"
+        text,
+        survey_file.name
+        if survey_file is not None
+        else f"{opened[0].path.name}: survey.toml",
     )
     book = PassBook(survey)
     book.foretell(suspicions)
@@ -126,7 +134,9 @@ def replay(
         book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
         outcomes.extend(raised for remark in book.news() for raised in capture.heed(remark))
         replayed.append(ReplayedLog(log.path, tuple(outcomes), log.end))
-    findings = tuple(each for one in replayed for each in one.outcomes if isinstance(each, Finding))
+    findings = tuple(
+        each for one in replayed for each in one.outcomes if isinstance(each, Finding)
+    )
     return Replayed(
         survey,
         text,

@@ -104,7 +104,11 @@ LONGEST = (
 """Beginnings of the names of the tests that are begun first, in this order: one that begins last is
 waited for alone."""
 
-FOLDERS = {"system": "tests/system/", "control": "tests/system/control/", "page": "tests/page/"}
+FOLDERS = {
+    "system": "tests/system/",
+    "control": "tests/system/control/",
+    "page": "tests/page/",
+}
 """Where the tests of a mark stand: each group of tools/test reads its own folder alone."""
 
 COMING = Path(__file__).parents[1] / ".setup" / "coming"
@@ -120,7 +124,9 @@ class Together(LoadScopeScheduling):
 
     def _split_scope(self, nodeid: str) -> str:
         alone = nodeid if nodeid.startswith(FOLDERS["system"]) else nodeid.partition("::")[0]
-        return next((why for why, names in TOGETHER.items() if nodeid.startswith(names)), alone)
+        return next(
+            (why for why, names in TOGETHER.items() if nodeid.startswith(names)), alone
+        )
 
 
 @pytest.hookimpl(tryfirst=True, optionalhook=True)

@@ -15,7 +15,10 @@ from mypy.types import Instance, LiteralType, Type, UnionType, get_proper_type
 
 from stepdiag.texts.patterns import sentences, slots
 
-TEXTS = ("stepdiag.base.findings.Finding.text", "stepdiag.daq.records.status.FindingStatus.text")
+TEXTS = (
+    "stepdiag.base.findings.Finding.text",
+    "stepdiag.daq.records.status.FindingStatus.text",
+)
 """English sentences for logs, results and programs outside."""
 MESSAGE = "stepdiag.base.messages.Message"
 MAKERS = (
@@ -83,7 +86,9 @@ def _check(words: Type, call: FunctionContext) -> Type:
             )
         for name, kind in wanted.items():
             if name in given and not is_subtype(given[name], types[kind]):
-                call.api.fail(f"Message {key}: {name} is a {kind}, not {given[name]}", call.context)
+                call.api.fail(
+                    f"Message {key}: {name} is a {kind}, not {given[name]}", call.context
+                )
     return call.default_return_type
 
 
@@ -107,7 +112,9 @@ def _keys(given: Type) -> list[str]:
         return [key for item in kind.items for key in _keys(item)]
     if isinstance(kind, Instance) and kind.last_known_value is not None:
         kind = kind.last_known_value
-    return [kind.value] if isinstance(kind, LiteralType) and isinstance(kind.value, str) else []
+    return (
+        [kind.value] if isinstance(kind, LiteralType) and isinstance(kind.value, str) else []
+    )
 
 
 def plugin(version: str) -> type[Plugin]:

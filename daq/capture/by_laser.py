@@ -114,7 +114,9 @@ class ByLaser:
         if self._lost_ns is not None:
             if now_ns - self._lost_ns > ENDING_NS and not self._over_with:
                 self._over_with = True
-                outcomes.append(Ended("aborted", message("count-lost-unplaced", setup=self.setup)))
+                outcomes.append(
+                    Ended("aborted", message("count-lost-unplaced", setup=self.setup))
+                )
             return dwells, outcomes
         lost = self._lost()
         for over in self._over(lost=lost):
@@ -125,7 +127,12 @@ class ByLaser:
         if lost and (begun or self._other_order):
             self._lost_ns = now_ns
         elif lost:
-            self._chain, self._stands, self._taken, self._turns = self._begun({}), [], 0, False
+            self._chain, self._stands, self._taken, self._turns = (
+                self._begun({}),
+                [],
+                0,
+                False,
+            )
         return dwells, outcomes
 
     def finish(self) -> list[Dwell]:
@@ -150,7 +157,9 @@ class ByLaser:
             return []
         self._began_ns = min(self._began_ns, float(span.time_ns[0]))
         found = (
-            _marked(span) if self._marked else _without_shakes(_plateaus(span, self._least_s), span)
+            _marked(span)
+            if self._marked
+            else _without_shakes(_plateaus(span, self._least_s), span)
         )
         over = []
         for stand, following in zip(found, [*found, None][1:], strict=True):
@@ -183,7 +192,9 @@ class ByLaser:
             return []
         stops = [
             (stop, each)
-            for last, stop, each in zip((None, *path.names), path.names, self._stands, strict=False)
+            for last, stop, each in zip(
+                (None, *path.names), path.names, self._stands, strict=False
+            )
             if stop is not None and stop != last and not self._is_of_pass_before(stop, each)
         ]
         taken, self._taken = self._taken, len(stops)
@@ -246,7 +257,9 @@ class ByLaser:
         x_mm, y_mm, z_mm = self._routes[self._chain.best.way].planned_mm(stop)
         from_ns, to_ns = int(stand.from_ns), int(stand.to_ns) - EDGE_NS
         before, self._left_ns = self._left_ns, to_ns
-        signals = Signals(stopped=True, stop_count=stand.count, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm)
+        signals = Signals(
+            stopped=True, stop_count=stand.count, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm
+        )
         return Dwell(
             from_ns=from_ns,
             to_ns=max(from_ns, to_ns),

@@ -281,7 +281,9 @@ class Capture:
         self.signals = signals
         if self.walk is not None and not self.ended:
             waiting = bool(self._pending) or self._leaves(signals)
-            outcomes.extend(self._alarm.look(self.walk, signals, block.recv_ns, waiting=waiting))
+            outcomes.extend(
+                self._alarm.look(self.walk, signals, block.recv_ns, waiting=waiting)
+            )
         if self._pulse.take(signals, block):
             outcomes.append(self._still(block.recv_ns))
         if self._pulse.still:
@@ -308,7 +310,9 @@ class Capture:
     def _leaves(self, signals: Signals) -> bool:
         """Return whether a poll ends a standstill that is not captured yet."""
         dwell = self.tracker.open
-        return dwell is not None and not signals.stopped and dwell.from_ns != self._taken_from_ns
+        return (
+            dwell is not None and not signals.stopped and dwell.from_ns != self._taken_from_ns
+        )
 
     def _still(self, now_ns: int) -> Finding:
         text = message("heartbeat-still", seconds_s=self._pulse.for_s(now_ns))
@@ -324,11 +328,18 @@ class Capture:
         if walk is None or self.ended or self._pending or self.tracker.open is not None:
             return
         if walk.expected > 0 and walk.last is not None:
-            why = message("program-left") if signals.running is False else message("setup-left")
+            why = (
+                message("program-left") if signals.running is False else message("setup-left")
+            )
             self._end(
                 "aborted",
                 walk.at(
-                    message("left-after", why=why, stop=walk.expected - 1, last=len(walk.route) - 1)
+                    message(
+                        "left-after",
+                        why=why,
+                        stop=walk.expected - 1,
+                        last=len(walk.route) - 1,
+                    )
                 ),
                 outcomes,
             )
@@ -368,14 +379,18 @@ class Capture:
         placing = self._placing(dwell.signals)
         if not self._pending.are(dwell, self._mover(dwell.signals)):
             return
-        known = replace(dwell, to_ns=min(dwell.to_ns, int(max(placing.newest_ns(), dwell.from_ns))))
+        known = replace(
+            dwell, to_ns=min(dwell.to_ns, int(max(placing.newest_ns(), dwell.from_ns)))
+        )
         unbroken = unbroken_parts(placing, known)[-1]
         certain_s = (unbroken.to_ns - unbroken.from_ns) * 1e-9 - rules.settle_s
         if certain_s < rules.min_window_s or (
             certain_s < LAG_S and not self._at_expected(dwell.signals)
         ):
             return
-        taken = [each for each in self._windows(known, placing) if each.from_ns >= unbroken.from_ns]
+        taken = [
+            each for each in self._windows(known, placing) if each.from_ns >= unbroken.from_ns
+        ]
         if taken and (not taken[-1].doubts or certain_s > PATIENCE * rules.min_window_s):
             self._taken_from_ns = dwell.from_ns
             self._pending.taken_early(known)
@@ -398,7 +413,9 @@ class Capture:
             placing = self._placing(dwell.signals)
             if placing.newest_ns() < dwell.to_ns and now_ns - dwell.to_ns < SAMPLES_WAIT_NS:
                 return
-            if not self._pending.settled(now_ns, self.tracker.open, self._mover(dwell.signals)):
+            if not self._pending.settled(
+                now_ns, self.tracker.open, self._mover(dwell.signals)
+            ):
                 return
             self._take_dwell(self._pending.take(), outcomes)
 
@@ -407,7 +424,9 @@ class Capture:
         begun = self.walk is not None
         found: Walk | Finding | Ended | None = self.walk
         if found is None or dwell.signals.setup != self._setup:
-            found = self._finder.follow(dwell.signals, None if begun else self._reading_mm(dwell))
+            found = self._finder.follow(
+                dwell.signals, None if begun else self._reading_mm(dwell)
+            )
             self._setup = dwell.signals.setup if isinstance(found, Walk) else None
         if self._by_laser is None and not self._cause.over:
             self._judge_cause(dwell, outcomes)
@@ -442,7 +461,9 @@ class Capture:
         outcomes.extend(remarked(found, taken, judged, self._alarm))
         if found.ended and not self.ended:
             self._end(
-                "complete", found.at(message("last-gone-by", stop=len(found.route) - 1)), outcomes
+                "complete",
+                found.at(message("last-gone-by", stop=len(found.route) - 1)),
+                outcomes,
             )
 
     def _judge_cause(self, dwell: Dwell, outcomes: list[Outcome]) -> None:
@@ -459,7 +480,10 @@ class Capture:
         )
         self._dwell_before = dwell
         stand = Stand(
-            dwell.signals, taken[0].window.mean_mm if taken else None, self._losses(until_ns), moves
+            dwell.signals,
+            taken[0].window.mean_mm if taken else None,
+            self._losses(until_ns),
+            moves,
         )
         if walk is not None and self._cause.misses_first(walk.route, stand):
             self.next_from_ns = (dwell.not_before_ns or dwell.from_ns) + self._late_ns
@@ -480,7 +504,11 @@ class Capture:
         was broken since the log before.
         """
         taken = self._windows(dwell, self.laser)
-        return taken[0].window.mean_mm if taken and self._taker.reaches_back(taken, dwell) else None
+        return (
+            taken[0].window.mean_mm
+            if taken and self._taker.reaches_back(taken, dwell)
+            else None
+        )
 
     def _windows(self, dwell: Dwell, placing: Placing) -> list[Taken]:
         """Return the windows of a dwell. Finder, cause and stop need the laser's standstills in
@@ -497,7 +525,11 @@ class Capture:
     def _mover(self, signals: Signals) -> Placing | None:
         """Return the stream that shows whether the machine moves; None in a run of the 4-DOF head,
         which sees no travel."""
-        return None if self.head is not None and self._finder.is_head_run(signals) else self.laser
+        return (
+            None
+            if self.head is not None and self._finder.is_head_run(signals)
+            else self.laser
+        )
 
     def _placing(self, signals: Signals) -> Placing:
         """Return the stream that places a stop: the laser's, in a run of the 4-DOF head the head's

@@ -75,7 +75,11 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
         without a doubt.
         """
         return joined(
-            list(dict.fromkeys(each.why for each in self.doubts if not codes or each.code in codes))
+            list(
+                dict.fromkeys(
+                    each.why for each in self.doubts if not codes or each.code in codes
+                )
+            )
         )
 
 

@@ -125,9 +125,8 @@ def with_air(
     judge of the values (`Conditions`).
     """
     names = condition_names(survey, sensor)
-    if (
-        not names
-    ):  # asked for every event: what the sensor has sent is decoded only where somebody takes it
+    # asked for every event: the bytes of the sensor are decoded only where somebody takes them
+    if not names:
         return signals
     fresh = sensor.conditions_since(now_ns - STALE_NS)
     return replace(signals, **{name: fresh.get(name, silent) for name in names})  # type: ignore[arg-type]
@@ -159,7 +158,9 @@ def believed_before(
     sensor's values since then, if credible.
     """
     fresh = sensor.conditions_since(now_ns - STALE_NS)
-    measured = {name: fresh[name] for name in condition_names(survey, sensor) if name in fresh}
+    measured = {
+        name: fresh[name] for name in condition_names(survey, sensor) if name in fresh
+    }
     conditions = Conditions(survey, credible)
     conditions.judge(replace(Signals(), **measured), (now_ns + wall_offset_ns) * 1e-9)  # type: ignore[arg-type]
     return conditions.credible
@@ -197,7 +198,9 @@ class Conditions:
         judged.signals = replace(signals, **believed)  # type: ignore[arg-type]
         return judged
 
-    def _believe(self, name: str, value: float, time_s: float, judged: Judged) -> float | None:
+    def _believe(
+        self, name: str, value: float, time_s: float, judged: Judged
+    ) -> float | None:
         """Return the valid value: unchanged, the last credible value, or None without one."""
         last = self._credible.get(name)
         if math.isnan(value) and last is not None and time_s - last.time_s < STALE_NS * 1e-9:
@@ -249,7 +252,11 @@ class Conditions:
         ):
             return ""
         return next(
-            (unit for unit, hpa in UNITS_HPA.items() if abs(value * hpa / stated - 1) <= UNIT_NEAR),
+            (
+                unit
+                for unit, hpa in UNITS_HPA.items()
+                if abs(value * hpa / stated - 1) <= UNIT_NEAR
+            ),
             "",
         )
 
@@ -280,7 +287,10 @@ class Conditions:
             return [message("air-unknown.silent", name=CONDITIONS[name], stated=counts)]
         return [
             message(
-                "air-unknown", name=CONDITIONS[name], read=_with_unit(value, unit), stated=counts
+                "air-unknown",
+                name=CONDITIONS[name],
+                read=_with_unit(value, unit),
+                stated=counts,
             )
         ]
 
@@ -310,7 +320,9 @@ class Conditions:
         if math.isnan(value):
             if last is None:
                 return message(
-                    "conditions-held.silent", name=CONDITIONS[name], stated=_with_unit(stated, unit)
+                    "conditions-held.silent",
+                    name=CONDITIONS[name],
+                    stated=_with_unit(stated, unit),
                 )
             return message(
                 "conditions-held.silent-held",
@@ -335,7 +347,9 @@ class Conditions:
             cast('Literal["conditions-held.implausible", "sensor-jump"]', code),
         )
         if last is None:
-            return message("conditions-held.never", found=found, stated=_with_unit(stated, unit))
+            return message(
+                "conditions-held.never", found=found, stated=_with_unit(stated, unit)
+            )
         u = self._reach(name, time_s) / math.sqrt(3.0)
         return message(
             key,

@@ -70,5 +70,11 @@ def start_of(run: Mapping[str, str], source: str) -> CaptureStart:
             if hint.get("turn"):
                 hint["turn"] = from_log(hint["turn"])
         return msgspec.convert(start, CaptureStart, str_keys=True)
-    except (KeyError, TypeError, AttributeError, msgspec.DecodeError, RecursionError) as error:
+    except (
+        KeyError,
+        TypeError,
+        AttributeError,
+        msgspec.DecodeError,
+        RecursionError,
+    ) as error:
         raise DataError(source, expected=message("start-record"), found=str(error)) from error

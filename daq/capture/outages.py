@@ -21,7 +21,9 @@ class Outages:
     """
 
     def __init__(self, down: Collection[Link] = ()) -> None:
-        self._last: dict[Link, tuple[float, float]] = dict.fromkeys(down, (-math.inf, math.inf))
+        self._last: dict[Link, tuple[float, float]] = dict.fromkeys(
+            down, (-math.inf, math.inf)
+        )
         self._named: set[tuple[Link, float]] = set()
 
     def take(self, event: LinkEvent) -> None:

@@ -108,10 +108,14 @@ class StopTaker:
             self._before, walk.apart = (*self._before, Break(dwell.from_ns, walk.apart)), None
         self._named = [*([] if lost else self._named), (dwell, taken, names[-1])]
         renamed = (
-            by_laser and walk.unsure is None and [name for _, _, name in self._named] != list(names)
+            by_laser
+            and walk.unsure is None
+            and [name for _, _, name in self._named] != list(names)
         )
         outcomes += self._name_anew(walk, names) if renamed else odd
-        if index is None or (by_laser and index < walk.expected and walk.is_bounce(dwell.signals)):
+        if index is None or (
+            by_laser and index < walk.expected and walk.is_bounce(dwell.signals)
+        ):
             return
         if (
             walk.expected == 0
@@ -119,7 +123,10 @@ class StopTaker:
             and self._turned_round(walk, turn, index, dwell, outcomes)
         ):
             _share_turn(
-                walk, turn, dwell.signals.stop_count if index == 0 else turn.stop_count, outcomes
+                walk,
+                turn,
+                dwell.signals.stop_count if index == 0 else turn.stop_count,
+                outcomes,
             )
             if index == 0:
                 return
@@ -135,7 +142,12 @@ class StopTaker:
         self._looked_until_ns = max(self._looked_until_ns, float(dwell.to_ns))
 
     def _turned_round(
-        self, walk: Walk, turn: CapturedStop, index: int, dwell: Dwell, outcomes: list[Outcome]
+        self,
+        walk: Walk,
+        turn: CapturedStop,
+        index: int,
+        dwell: Dwell,
+        outcomes: list[Outcome],
     ) -> bool:
         """Return whether a pass begins with the last reading of the previous pass: the machine
         reversed at this stop.
@@ -148,7 +160,9 @@ class StopTaker:
         if head_run or self._beyond is None or self._breaks_before(dwell.from_ns):
             self._turn_unseen = not head_run and self._beyond is not None
             return index > 0
-        beyond_ns = last_beyond_ns(self._laser, turn, -walk.route.step_mm(0, 1), dwell.from_ns)
+        beyond_ns = last_beyond_ns(
+            self._laser, turn, -walk.route.step_mm(0, 1), dwell.from_ns
+        )
         if beyond_ns is None and not self._beyond:
             if not watched_closely(self._laser, turn, dwell.from_ns):
                 return index > 0
@@ -163,9 +177,13 @@ class StopTaker:
         """
         before = [name for *_, name in self._named]
         first = next(at for at, name in enumerate(names) if name != before[at])
-        self._named = [(*stand[:2], name) for stand, name in zip(self._named, names, strict=True)]
+        self._named = [
+            (*stand[:2], name) for stand, name in zip(self._named, names, strict=True)
+        ]
         stops = [
-            (dwell, taken, name) for dwell, taken, name in self._named[first:-1] if name is not None
+            (dwell, taken, name)
+            for dwell, taken, name in self._named[first:-1]
+            if name is not None
         ]
         if not stops:
             return []
@@ -186,10 +204,17 @@ class StopTaker:
         return outcomes
 
     def _place(
-        self, walk: Walk, index: int, dwell: Dwell, taken: list[Taken], outcomes: list[Outcome]
+        self,
+        walk: Walk,
+        index: int,
+        dwell: Dwell,
+        taken: list[Taken],
+        outcomes: list[Outcome],
     ) -> None:
         if self._head is not None and walk.route.travel.is_fourdof:
-            self._place_head(walk, index, dwell, taken[-1] if taken else None, self._head, outcomes)
+            self._place_head(
+                walk, index, dwell, taken[-1] if taken else None, self._head, outcomes
+            )
             return
         expected = walk.expected_reading_mm(index)
         if not taken and expected is not None:
@@ -219,9 +244,15 @@ class StopTaker:
         """
         if not self._outages.covers(link, dwell.from_ns, dwell.to_ns):
             return [walk.finding("error", index, symptom)]
-        return [walk.finding("error", index, LINK_DOWN[link])] if self._outages.news(link) else []
+        return (
+            [walk.finding("error", index, LINK_DOWN[link])]
+            if self._outages.news(link)
+            else []
+        )
 
-    def _from_beyond(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> Message | None:
+    def _from_beyond(
+        self, walk: Walk, index: int, dwell: Dwell, taken: Taken
+    ) -> Message | None:
         """Return the reason why a stop may have been reached in the direction of the other pass;
         None otherwise.
 
@@ -229,14 +260,18 @@ class StopTaker:
         """
         side = self._last_move(walk, index, dwell, taken)
         if side:
-            self._other_side = {walk.route.axis_to(stop) for stop in range(1, len(walk.route))}
+            self._other_side = {
+                walk.route.axis_to(stop) for stop in range(1, len(walk.route))
+            }
         elif index < walk.expected:
             self._other_side = set()
         else:
             self._other_side.discard(walk.route.axis_to(index))
         return side or (NOT_ALL_MOVED if self._other_side else None)
 
-    def _last_move(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> Message | None:
+    def _last_move(
+        self, walk: Walk, index: int, dwell: Dwell, taken: Taken
+    ) -> Message | None:
         """Return the finding of the last move to a stop; None for a move of the pass."""
         if index == 0:
             along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(0, 1))
@@ -246,7 +281,9 @@ class StopTaker:
             return FROM_WHERE if self._turn_unseen and along is None else None
         if not self._both_ways or walk.judge(index, taken.window.mean_mm) is not None:
             return None
-        along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(index - 1, index))
+        along = came_along(
+            self._laser, taken, dwell.from_ns, walk.route.step_mm(index - 1, index)
+        )
         counted = dwell.signals.stop_count is not None
         if along is None and walk.last is None and index < walk.expected - 1 and not counted:
             return FROM_WHERE
@@ -278,7 +315,12 @@ class StopTaker:
         walk.advance(stop)
 
     def _recover(
-        self, walk: Walk, index: int, dwell: Dwell, expected: float | None, outcomes: list[Outcome]
+        self,
+        walk: Walk,
+        index: int,
+        dwell: Dwell,
+        expected: float | None,
+        outcomes: list[Outcome],
     ) -> None:
         """Search the laser's readings since the previous stop for a stop that Modbus missed; its
         level in mm separates it from others.
@@ -290,10 +332,14 @@ class StopTaker:
             else None
         )
         if taken is None:
-            outcomes += self._without_reading(walk, index, dwell, "laser", message("stop-lost"))
+            outcomes += self._without_reading(
+                walk, index, dwell, "laser", message("stop-lost")
+            )
             return
         elsewhere = replace(dwell.signals, x_mm=None, y_mm=None, z_mm=None)
-        stop = make_stop(walk.route, index, elsewhere, taken, self._head, self._wall_offset_ns)
+        stop = make_stop(
+            walk.route, index, elsewhere, taken, self._head, self._wall_offset_ns
+        )
         doubt = message("stop-recovered")
         stop = marked(msgspec.structs.replace(stop, recovered=True), doubt)
         outcomes.append(walk.finding("warning", index, doubt))
@@ -310,11 +356,15 @@ class StopTaker:
         stop = marked(stop, walk.unsure) if walk.unsure else stop
         count = self._laser.count_at(0.5 * (stop.window_from_ns + stop.window_to_ns))
         stop = msgspec.structs.replace(stop, count=count)
-        wrong = walk.judge(stop.stop, stop.reading_mm) if stop.reading_mm is not None else None
+        wrong = (
+            walk.judge(stop.stop, stop.reading_mm) if stop.reading_mm is not None else None
+        )
         if again:
             outcomes.append(_bridged_break(walk, stop.stop, broken, unwatched))
         elif broken and walk.started:
-            outcomes.append(walk.finding("error", stop.stop, message("beam-lost", why=broken)))
+            outcomes.append(
+                walk.finding("error", stop.stop, message("beam-lost", why=broken))
+            )
         elif wrong is not None:
             outcomes.append(walk.finding("error", stop.stop, wrong))
             if wrong.code in BREAKS_COUNT and not broken:
@@ -338,7 +388,9 @@ class StopTaker:
         without a loss.
         """
         seen = [
-            event for event in self._laser.breaks[self._breaks_seen :] if event.time_ns <= time_ns
+            event
+            for event in self._laser.breaks[self._breaks_seen :]
+            if event.time_ns <= time_ns
         ]
         breaks, self._before = (*self._before, *seen), ()
         self._breaks_seen += len(seen)
@@ -353,13 +405,18 @@ class StopTaker:
         earlier stops.
         """
         return not any(
-            each.watched for each in self._breaks_before(taken[0].to_ns if taken else dwell.from_ns)
+            each.watched
+            for each in self._breaks_before(taken[0].to_ns if taken else dwell.from_ns)
         )
 
     def _breaks_before(self, until_ns: float) -> list[Break]:
         return [
             *self._before,
-            *(each for each in self._laser.breaks[self._breaks_seen :] if each.time_ns <= until_ns),
+            *(
+                each
+                for each in self._laser.breaks[self._breaks_seen :]
+                if each.time_ns <= until_ns
+            ),
         ]
 
     def left_over(self) -> tuple[Break, ...]:
@@ -506,7 +563,9 @@ def make_head_stop(
     made = make_stop(route, stop, signals, taken, head, wall_offset_ns)
     seen = laser.span(taken.from_ns, taken.to_ns).position_mm
     reading = (
-        float(np.mean(seen)) if len(seen) >= LEAST_SAMPLES and np.isfinite(seen).all() else None
+        float(np.mean(seen))
+        if len(seen) >= LEAST_SAMPLES and np.isfinite(seen).all()
+        else None
     )
     return msgspec.structs.replace(made, reading_mm=reading)
 

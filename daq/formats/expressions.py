@@ -116,7 +116,9 @@ class _Text:
                 raise self._refusal(message("levels-at-most", count=DEEPEST), at)
             if word == ")" and not opened:
                 raise self._refusal(message("expression-goes-on"), at)
-            opened = [*opened, levels] if word == "(" else opened[: len(opened) - (word == ")")]
+            opened = (
+                [*opened, levels] if word == "(" else opened[: len(opened) - (word == ")")]
+            )
             levels = levels if word == "not" else (opened or [0])[-1]
             source[at : at + len(word)] = _as_python(word)
             before = word
@@ -135,7 +137,9 @@ class _Text:
                 return Expression("bit", inner.names, lambda *read: _not(inner.value(*read)))
             case ast.Compare(left=left, ops=[sign], comparators=[right]):
                 return _compared(self._of("word", left), self._of("word", right), sign)
-            case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as figure)):
+            case ast.UnaryOp(
+                op=ast.USub(), operand=ast.Constant(value=int() | float() as figure)
+            ):
                 return _figure(-figure)
             case ast.Constant(value=int() | float() as figure):
                 return _figure(figure)
@@ -144,7 +148,11 @@ class _Text:
             case ast.Name() if self._name(node) not in _WORDS:
                 name = self._name(node)
                 return _bit(name) if self._kinds[name] == "bit" else _word(name)
-            case ast.Compare(comparators=[left, *_]) | ast.BinOp(left=left) | ast.Call(func=left):
+            case (
+                ast.Compare(comparators=[left, *_])
+                | ast.BinOp(left=left)
+                | ast.Call(func=left)
+            ):
                 raise self._misplaced(self._end(left))
             case ast.UnaryOp(operand=left):
                 raise self._refusal(message("a-number"), self._at(left))
@@ -171,7 +179,9 @@ class _Text:
         ended = before.endswith(")") or (
             before[-1:].isalnum() and not re.search(r"\b(and|or|not)\Z", before)
         )
-        return self._refusal(message("expression-goes-on" if ended else "expression-begins"), at)
+        return self._refusal(
+            message("expression-goes-on" if ended else "expression-begins"), at
+        )
 
     def _refusal(self, expected: Words, at: int) -> UsageError:
         token = _TOKEN.match(self._text, at)
@@ -180,7 +190,9 @@ class _Text:
             found = message("end-of-text", text=repr(self._text))
         else:
             place = self._text.index(word, at) + 1
-            found = message("at-character", token=repr(word), place=place, text=repr(self._text))
+            found = message(
+                "at-character", token=repr(word), place=place, text=repr(self._text)
+            )
         return UsageError(self._where, expected=expected, found=found)
 
 

@@ -39,7 +39,9 @@ def recognise(heard: bytes) -> str:
         samples = decoder.feed(heard, 1)
         garbage = sum(notice.code == "garbage" for notice in samples.notices)
         known = (
-            np.isfinite(samples.position_mm).any() or samples.channels is not None or name == "umd"
+            np.isfinite(samples.position_mm).any()
+            or samples.channels is not None
+            or name == "umd"
         )
         if len(samples) >= LEAST_SAMPLES and garbage <= 1 and known:
             return name
@@ -56,7 +58,11 @@ def senseless(name: Words, heard: bytes, count: int, remark: Words) -> Message:
     looks = recognise(heard)
     remedy = message("looks-like", format=looks) if looks else message("check-line")
     return message(
-        "stream-senseless", stream=name, found=found, bytes=heard[:QUOTED].hex(" "), remedy=remedy
+        "stream-senseless",
+        stream=name,
+        found=found,
+        bytes=heard[:QUOTED].hex(" "),
+        remedy=remedy,
     )
 
 

@@ -69,4 +69,6 @@ def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: C901,
         case _, AirSettings() if name in AIR_FORMATS:
             return AskedAirDecoder(settings) if settings.request else AirDecoder(settings)
     known = message("format-with-settings", names=[*LASER_FORMATS, *HEAD_FORMATS])
-    raise UsageError("survey: format", expected=known, found=f"{name!r}: {type(settings).__name__}")
+    raise UsageError(
+        "survey: format", expected=known, found=f"{name!r}: {type(settings).__name__}"
+    )

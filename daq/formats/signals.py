@@ -20,7 +20,13 @@ import numpy as np
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
 from stepdiag.daq.formats.expressions import Expression, Memory
-from stepdiag.daq.records.events import BIT_TABLES, REGISTER_TABLES, ModbusBlock, ReadRange, Table
+from stepdiag.daq.records.events import (
+    BIT_TABLES,
+    REGISTER_TABLES,
+    ModbusBlock,
+    ReadRange,
+    Table,
+)
 
 SignalType = Literal["bit", "uint16", "int16", "uint32", "int32", "float32"]
 ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
@@ -34,7 +40,13 @@ MAX_BYTES = 200
 """The most bytes one range holds where an address is a byte: an S7 answers 222 in its smallest PDU,
 a TNC 255."""
 
-_STRUCT_CODES = {"uint16": ">H", "int16": ">h", "uint32": ">I", "int32": ">i", "float32": ">f"}
+_STRUCT_CODES = {
+    "uint16": ">H",
+    "int16": ">h",
+    "uint32": ">I",
+    "int32": ">i",
+    "float32": ">f",
+}
 _PLACES: dict[str, tuple[int, ...]] = {
     "ABCD": (0, 1, 2, 3),
     "CDAB": (2, 3, 0, 1),
@@ -160,7 +172,8 @@ def _read_ranges(signals: SignalMap) -> list[ReadRange]:
 
 def _holds(asked: ReadRange, spec: SignalSpec) -> bool:
     return (
-        asked.table == spec.table and 0 <= spec.address - asked.address <= asked.count - spec.width
+        asked.table == spec.table
+        and 0 <= spec.address - asked.address <= asked.count - spec.width
     )
 
 
@@ -204,7 +217,8 @@ class SignalDecoder:
         if block.ranges is not self._ranges:
             if block.ranges != self._ranges:
                 self._places = {
-                    name: _find(name, spec, block.ranges) for name, spec in self._signals.items()
+                    name: _find(name, spec, block.ranges)
+                    for name, spec in self._signals.items()
                 }
                 self._lengths = tuple(asked.byte_count for asked in block.ranges)
                 self._data, self._kept = None, {}
@@ -340,7 +354,9 @@ def resolution(spec: SignalSpec, value: float) -> float:
     the last bit of a real number.
     """
     if spec.type == "float32":
-        return abs(spec.scale) * float(np.spacing(np.float32((value - spec.offset) / spec.scale)))
+        return abs(spec.scale) * float(
+            np.spacing(np.float32((value - spec.offset) / spec.scale))
+        )
     return abs(spec.scale)
 
 
@@ -354,4 +370,6 @@ def describe(spec: SignalSpec) -> str:
 
 def registers(specs: Iterable[SignalSpec]) -> set[tuple[Table, int]]:
     """Return every (table, address) that the signals occupy."""
-    return {(spec.table, spec.address + place) for spec in specs for place in range(spec.width)}
+    return {
+        (spec.table, spec.address + place) for spec in specs for place in range(spec.width)
+    }

@@ -27,7 +27,9 @@ STEADY_AFTER_S = 5.0
 class Report(Protocol):
     """Receives the state of a link, a detail for a person, and the losses since the last report."""
 
-    def __call__(self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None: ...
+    def __call__(
+        self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()
+    ) -> None: ...
 
 
 Session = Callable[[Report], Awaitable[None]]
@@ -77,7 +79,9 @@ class Reconnector:
         if state != self.state:
             self._change(state, with_lost(detail, lost))
         if lost:
-            _log.warning("link-lost-bytes", link=self._name, detail=str(with_lost(detail, lost)))
+            _log.warning(
+                "link-lost-bytes", link=self._name, detail=str(with_lost(detail, lost))
+            )
         self._on_state(state, detail, lost)
 
     def _change(self, state: LinkState, detail: Words) -> None:

@@ -20,7 +20,13 @@ import msgspec
 
 from stepdiag.base.messages import Words, kept, of_log
 from stepdiag.daq.log.reader import impossible
-from stepdiag.daq.log.topics import BLOCK_TOPIC, LINK_STATES, LINK_TOPICS, LOSS_TOPIC, RAW_TOPICS
+from stepdiag.daq.log.topics import (
+    BLOCK_TOPIC,
+    LINK_STATES,
+    LINK_TOPICS,
+    LOSS_TOPIC,
+    RAW_TOPICS,
+)
 from stepdiag.daq.records.events import (
     Chunk,
     Event,
@@ -136,7 +142,9 @@ def whole_us(event: Event) -> Event:
     """
     match event:
         case Chunk(stream, arrival_ns, data):
-            return event if arrival_ns % US == 0 else Chunk(stream, arrival_ns // US * US, data)
+            return (
+                event if arrival_ns % US == 0 else Chunk(stream, arrival_ns // US * US, data)
+            )
         case ModbusBlock(send_ns, recv_ns, ranges, data):
             if send_ns % US == recv_ns % US == 0:
                 return event
@@ -250,7 +258,9 @@ def _encode_blocks(clock: LogClock, batch: Sequence[Numbered], first: ModbusBloc
     answer_us = [(block.recv_ns - block.send_ns) // US for block in blocks]
     skip, run = _to_runs([number for number, _ in batch])
     texts = ["|".join(data.hex() for data in block.data) for block in blocks]
-    ranges = "|".join(f"{asked.table} {asked.address} {asked.count}" for asked in first.ranges)
+    ranges = "|".join(
+        f"{asked.table} {asked.address} {asked.count}" for asked in first.ranges
+    )
     return _encode(
         _Blocks(
             clock.stamp(start),
@@ -356,7 +366,9 @@ def _blocks(polls: _Blocks) -> list[Event]:
     events: list[Event] = []
     before: str | None = None  # polls mostly repeat the poll before
     data: tuple[bytes, ...] = ()
-    for recv_us, answer_us, text in zip(polls.recv_us, polls.answer_us, polls.data, strict=True):
+    for recv_us, answer_us, text in zip(
+        polls.recv_us, polls.answer_us, polls.data, strict=True
+    ):
         recv_ns = start + recv_us * US
         if text != before:
             before, data = text, _answers(text, len(ranges))
@@ -384,5 +396,9 @@ def _from_runs(batch: _Batch, events: list[Event]) -> Iterator[Run]:
         number += skip
         yield number, events[place : place + run]
         number, place = number + run, place + run
-    if place != len(events) or min(batch.run, default=0) < 1 or min(batch.skip, default=0) < 0:
+    if (
+        place != len(events)
+        or min(batch.run, default=0) < 1
+        or min(batch.skip, default=0) < 0
+    ):
         raise impossible("run", sum(batch.run))

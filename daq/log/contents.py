@@ -229,7 +229,10 @@ def _header(path: Path, metadata: dict[str, dict[str, str]], survey: bytes) -> L
         )
     try:
         text = survey.decode("utf-8")
-        offset_ns, start_ns = int(clock["wall_minus_monotonic_ns"]), int(clock["start_mono_ns"])
+        offset_ns, start_ns = (
+            int(clock["wall_minus_monotonic_ns"]),
+            int(clock["start_mono_ns"]),
+        )
         if not (0 <= start_ns < MAX_TIME_NS and 0 <= start_ns + offset_ns < MAX_TIME_NS):
             raise impossible("clock", f"{start_ns} + {offset_ns} ns")
     except (UnicodeDecodeError, KeyError, ValueError) as error:

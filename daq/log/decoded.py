@@ -48,7 +48,9 @@ class Decoded:
     flags: NDArray[np.uint16]
     channels: NDArray[np.float64] | None
 
-    def columns(self) -> dict[str, NDArray[np.int64] | NDArray[np.float64] | NDArray[np.uint16]]:
+    def columns(
+        self,
+    ) -> dict[str, NDArray[np.int64] | NDArray[np.float64] | NDArray[np.uint16]]:
         """Return the columns by name; a head's channels are ``channel_1``, ``channel_2`` and so
         on."""
         found = {name: getattr(self, name) for name in COLUMNS}
@@ -88,7 +90,9 @@ def decoded(
                 lines += max(event.data.count(end) for end in b"\r\n")
                 if lines > most:
                     raise DataError(
-                        log.path.name, expected=message("lines-most", count=most), found=str(lines)
+                        log.path.name,
+                        expected=message("lines-most", count=most),
+                        found=str(lines),
                     )
                 buffer.feed(event.data, event.arrival_ns)
                 begun_ns = begun_ns or event.arrival_ns

@@ -36,7 +36,9 @@ def write_csv(path: Path, _log: Log, _stream: Stream, blocks: Iterator[Decoded])
             columns = block.columns()
             if not count:
                 writer.writerow(columns)
-            texts = [[_plain(value) for value in column.tolist()] for column in columns.values()]
+            texts = [
+                [_plain(value) for value in column.tolist()] for column in columns.values()
+            ]
             writer.writerows(zip(*texts, strict=True))
             count += len(block.time_ns)
     return count
@@ -88,13 +90,18 @@ def write_mcap(path: Path, log: Log, stream: Stream, blocks: Iterator[Decoded]) 
             writer.register_schema(channel.schema_name, "jsonschema", channel.schema),
         )
         count = sum(
-            _samples(writer, number, LogClock(log.header.wall_offset_ns), block) for block in blocks
+            _samples(writer, number, LogClock(log.header.wall_offset_ns), block)
+            for block in blocks
         )
         writer.finish()  # type: ignore[no-untyped-call]
     return count
 
 
-FORMATS: Mapping[str, Write] = {"csv": write_csv, "parquet": write_parquet, "mcap": write_mcap}
+FORMATS: Mapping[str, Write] = {
+    "csv": write_csv,
+    "parquet": write_parquet,
+    "mcap": write_mcap,
+}
 
 
 def _samples(writer: Writer, channel: int, clock: LogClock, block: Decoded) -> int:
@@ -109,9 +116,15 @@ def _samples(writer: Writer, channel: int, clock: LogClock, block: Decoded) -> i
     channels = block.channels.tolist() if block.channels is not None else None
     for index, (time_ns, mono_ns, *values) in enumerate(rows):
         known = {
-            name: value for name, value in zip(names, values, strict=True) if _plain(value) != ""
+            name: value
+            for name, value in zip(names, values, strict=True)
+            if _plain(value) != ""
         }
-        fields: dict[str, Any] = {"time": clock.stamp(mono_ns), "t_mono_ns": str(mono_ns), **known}
+        fields: dict[str, Any] = {
+            "time": clock.stamp(mono_ns),
+            "t_mono_ns": str(mono_ns),
+            **known,
+        }
         if channels is not None:
             fields["channels"] = channels[index]
         writer.add_message(channel, time_ns, encode(fields), time_ns)
@@ -133,7 +146,10 @@ def _copy_notes(writer: Writer, path: Path) -> None:
                 )
             case Message() if record.channel_id in channels:
                 writer.add_message(
-                    channels[record.channel_id], record.log_time, record.data, record.publish_time
+                    channels[record.channel_id],
+                    record.log_time,
+                    record.data,
+                    record.publish_time,
                 )
             case _:
                 pass

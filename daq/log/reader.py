@@ -114,7 +114,10 @@ class RecordReader:
                 for record in reader.records:
                     if isinstance(record, ChunkRecord):
                         unpacked += _claimed_bytes(record)
-                        if unpacked > MOST_UNPACKED_BYTES + MOST_UNPACKED_PER_BYTE * file.tell():
+                        if (
+                            unpacked
+                            > MOST_UNPACKED_BYTES + MOST_UNPACKED_PER_BYTE * file.tell()
+                        ):
                             raise impossible("chunks.uncompressed_size", unpacked)
                     parts = _unpack(record) if isinstance(record, ChunkRecord) else [record]
                     self.good_bytes = file.tell()

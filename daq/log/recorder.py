@@ -97,7 +97,10 @@ class Recorder:
     """
 
     def __init__(
-        self, on_change: Callable[[RecorderHealth], None], *, backlog_bytes: int = BACKLOG_BYTES
+        self,
+        on_change: Callable[[RecorderHealth], None],
+        *,
+        backlog_bytes: int = BACKLOG_BYTES,
     ) -> None:
         self._on_change = on_change
         self._limit = backlog_bytes
@@ -222,7 +225,9 @@ class Recorder:
         """Wait for work and do it; return False when the recorder is to end."""
         stopping = self._stopping.is_set()
         if not stopping:
-            self._wake.wait(max(0.0, self._flush_at - time.monotonic()) if self._log else None)
+            self._wake.wait(
+                max(0.0, self._flush_at - time.monotonic()) if self._log else None
+            )
         self._wake.clear()
         while self._items:
             size, item = self._items[0]

@@ -88,7 +88,10 @@ def log_info(path: Path) -> LogInfo:
 def _carries_token(survey_text: str) -> bool:
     try:
         page = tomllib.loads(survey_text).get("page")
-    except (ValueError, RecursionError):  # ValueError also for whole numbers of thousands of digits
+    except (
+        ValueError,
+        RecursionError,
+    ):  # ValueError also for whole numbers of thousands of digits
         return False
     return isinstance(page, dict) and bool(page.get("token"))
 
@@ -118,7 +121,9 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
         pass
     end = _end_of(log.end)
     if end.whole:
-        raise DataError(str(path), expected=message("log-cut-off"), found=message("whole-log"))
+        raise DataError(
+            str(path), expected=message("log-cut-off"), found=message("whole-log")
+        )
     if target.exists():
         raise DataError(
             str(target),
@@ -218,7 +223,11 @@ def copy_record(writer: Writer, record: McapRecord) -> None:
             writer.add_metadata(record.name, record.metadata)
         case Attachment():
             writer.add_attachment(
-                record.create_time, record.log_time, record.name, record.media_type, record.data
+                record.create_time,
+                record.log_time,
+                record.name,
+                record.media_type,
+                record.data,
             )
         case Schema():
             writer.register_schema(record.name, record.encoding, record.data)

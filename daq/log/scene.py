@@ -23,8 +23,14 @@ STOP_SHARE = 0.012
 """Diameter of a stop, as a share of the longest side."""
 MOST_DRAWN = 250
 """Stops in one message; a longer route is drawn as the line between its ends."""
-GREY, BLUE = {"r": 0.6, "g": 0.6, "b": 0.6, "a": 1.0}, {"r": 0.05, "g": 0.36, "b": 0.55, "a": 1.0}
-GREEN, RED = {"r": 0.08, "g": 0.4, "b": 0.16, "a": 1.0}, {"r": 0.65, "g": 0.1, "b": 0.1, "a": 1.0}
+GREY, BLUE = (
+    {"r": 0.6, "g": 0.6, "b": 0.6, "a": 1.0},
+    {"r": 0.05, "g": 0.36, "b": 0.55, "a": 1.0},
+)
+GREEN, RED = (
+    {"r": 0.08, "g": 0.4, "b": 0.16, "a": 1.0},
+    {"r": 0.65, "g": 0.1, "b": 0.1, "a": 1.0},
+)
 _NOWHERE = {
     "position": {"x": 0.0, "y": 0.0, "z": 0.0},
     "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
@@ -85,7 +91,9 @@ def _edges(volume: Volume) -> list[tuple[Point, Point]]:
     ]
 
 
-def _line_entity(kind: int, points_mm: Sequence[Point], color: dict[str, float]) -> dict[str, Any]:
+def _line_entity(
+    kind: int, points_mm: Sequence[Point], color: dict[str, float]
+) -> dict[str, Any]:
     return {
         "type": kind,
         "pose": _NOWHERE,

@@ -28,7 +28,11 @@ FLAG: Schema = {"type": "boolean"}
 NUMBERS: Schema = {"type": "array", "items": NUMBER}
 INTEGERS: Schema = {"type": "array", "items": INTEGER}
 TEXTS: Schema = {"type": "array", "items": TEXT}
-TIME: Schema = {"type": "object", "title": "time", "properties": {"sec": INTEGER, "nsec": INTEGER}}
+TIME: Schema = {
+    "type": "object",
+    "title": "time",
+    "properties": {"sec": INTEGER, "nsec": INTEGER},
+}
 """Seconds and nanoseconds of wall time: a viewer's numbers have no room for nanoseconds since
 1970."""
 
@@ -163,7 +167,10 @@ _LINES: Schema = {
         "indices": INTEGERS,
     },
 }
-_SPHERE: Schema = {"type": "object", "properties": {"pose": _POSE, "size": _POINT, "color": _COLOR}}
+_SPHERE: Schema = {
+    "type": "object",
+    "properties": {"pose": _POSE, "size": _POINT, "color": _COLOR},
+}
 _ENTITY: Schema = {
     "type": "object",
     "properties": {
@@ -193,7 +200,11 @@ _FOXGLOVE_LOG = {
     "line": INTEGER,
 }
 
-RAW_TOPICS: dict[Stream, str] = {"laser": "/laser/raw", "head": "/head/raw", "air": "/air/raw"}
+RAW_TOPICS: dict[Stream, str] = {
+    "laser": "/laser/raw",
+    "head": "/head/raw",
+    "air": "/air/raw",
+}
 BLOCK_TOPIC = "/machine/raw"
 LINK_TOPICS: dict[Link, str] = {
     "laser": "/link/laser",
@@ -259,12 +270,16 @@ LOG_LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5}
 
 def sample_note(time_ns: int, position_mm: float, beam: float | None, flags: int) -> Note:
     """Return the laser's reading at a moment, a few times a second, for display."""
-    return Note(SAMPLE_TOPIC, time_ns, {"position_mm": position_mm, "beam": beam, "flags": flags})
+    return Note(
+        SAMPLE_TOPIC, time_ns, {"position_mm": position_mm, "beam": beam, "flags": flags}
+    )
 
 
 def signals_note(time_ns: int, signals: Signals) -> Note:
     """Return the machine's signals at a moment."""
-    return Note(SIGNALS_TOPIC, time_ns, {name: getattr(signals, name) for name in SIGNAL_NAMES})
+    return Note(
+        SIGNALS_TOPIC, time_ns, {name: getattr(signals, name) for name in SIGNAL_NAMES}
+    )
 
 
 def stop_note(

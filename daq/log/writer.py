@@ -16,7 +16,15 @@ from typing import IO, Any, Literal, cast
 import msgspec
 from mcap.writer import CompressionType, Writer
 
-from stepdiag.daq.log.codec import LogClock, Numbered, encode, joins, time_of, topic_of, whole_us
+from stepdiag.daq.log.codec import (
+    LogClock,
+    Numbered,
+    encode,
+    joins,
+    time_of,
+    topic_of,
+    whole_us,
+)
 from stepdiag.daq.log.topics import CHANNELS, LOG_TOPIC, VOLUME_TOPIC, Note
 from stepdiag.daq.records.events import Chunk, Event
 
@@ -140,10 +148,14 @@ class LogWriter:
                 {},
                 {
                     **fields,
-                    "entities": [{"timestamp": stamp, **entity} for entity in fields["entities"]],
+                    "entities": [
+                        {"timestamp": stamp, **entity} for entity in fields["entities"]
+                    ],
                 },
             )
-        self._message(note.topic, note.time_ns, note.time_ns, self._encode({**times, **fields}))
+        self._message(
+            note.topic, note.time_ns, note.time_ns, self._encode({**times, **fields})
+        )
 
     def flush(self) -> None:
         """Pass everything added until now to the stream, as a closed chunk."""

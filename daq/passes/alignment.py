@@ -41,7 +41,9 @@ def mirror_tilt_mrad(route: Route, stops: Sequence[OnZero]) -> tuple[float, floa
             continue
         step = np.subtract(after.position_mm, before.position_mm)
         rows.append([step @ sideways, step @ upwards])
-        nominal = route.nominal_at_mm(after.position_mm) - route.nominal_at_mm(before.position_mm)
+        nominal = route.nominal_at_mm(after.position_mm) - route.nominal_at_mm(
+            before.position_mm
+        )
         wrong.append(after.reading_mm - before.reading_mm - nominal)
     moved = {stop.axis for stop in stops[1:]}
     if len(moved) < 3 or len(rows) < 3:

@@ -44,7 +44,9 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
     if not passes or passes[0].route.travel.is_fourdof:
         return against
     readings = {
-        index: _Readings(each, _one_sided(each)) for index, each in enumerate(passes) if each.whole
+        index: _Readings(each, _one_sided(each))
+        for index, each in enumerate(passes)
+        if each.whole
     }
     if alone and len(readings) == 1:
         ((only, own),) = readings.items()
@@ -174,7 +176,9 @@ class _Readings:
             return None
         other = None if step.instead is None else self._stop_in_pass(step.instead)
         return replace(
-            self.in_pass(step.stop, step.size_um if self.outward else -step.size_um, step.noise_um),
+            self.in_pass(
+                step.stop, step.size_um if self.outward else -step.size_um, step.noise_um
+            ),
             instead=other,
         )
 
@@ -218,13 +222,16 @@ def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
     step = replace(step, stop=low + step.stop)
     sizes = (_size_um(one, -step.size_um), _size_um(other, step.size_um))
     misses = [
-        abs(each.own_um(step.stop) - size) for each, size in zip((one, other), sizes, strict=True)
+        abs(each.own_um(step.stop) - size)
+        for each, size in zip((one, other), sizes, strict=True)
     ]
     steps = {
         index: each.in_pass(step.stop, sizes[index], step.noise_um)
         for index, each in enumerate((one, other))
     }
-    if abs(step.size_um) < TELLS * max(one.scatter_um(step.stop), other.scatter_um(step.stop)):
+    if abs(step.size_um) < TELLS * max(
+        one.scatter_um(step.stop), other.scatter_um(step.stop)
+    ):
         return steps
     if misses[0] < CLEARLY * misses[1]:
         return {0: steps[0]}

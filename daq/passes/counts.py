@@ -51,7 +51,12 @@ def went_on(before: Numbered, after: Numbered, repeats_after: float) -> bool | N
 
     The rate of the number is its rate within the longer stretch.
     """
-    if before.first is None or before.last is None or after.first is None or after.last is None:
+    if (
+        before.first is None
+        or before.last is None
+        or after.first is None
+        or after.last is None
+    ):
         return None
     runs = ((each.first, each.last) for each in (before, after) if each.first and each.last)
     (first, begun_s), (last, ended_s) = max(runs, key=lambda run: run[1][1] - run[0][1])
@@ -78,7 +83,8 @@ def on_one_count(passes: Sequence[Pass]) -> list[Counted]:
     found: dict[int, Counted] = {}
     for setup in dict.fromkeys(each.route.setup for each in passes):
         mine = sorted(
-            (each for each in passes if each.route.setup == setup), key=lambda each: each.number
+            (each for each in passes if each.route.setup == setup),
+            key=lambda each: each.number,
         )
         placed: list[Counted] = []
         for each in mine:
@@ -94,6 +100,8 @@ def _beside(placed: Sequence[Counted], each: Pass) -> Counted:
         for stretch, zero in other.driven.zeros().items():
             if stretch in own and not zero.doubt:
                 return Counted(
-                    each, other.zero, other.offset_mm + zero.offset_mm - own[stretch].offset_mm
+                    each,
+                    other.zero,
+                    other.offset_mm + zero.offset_mm - own[stretch].offset_mm,
                 )
     return Counted(each, max((one.zero for one in placed), default=0) + 1, 0.0)

@@ -54,10 +54,15 @@ def _both(survey: Survey, book: PassBook, driven: Pass) -> tuple[StopStatus, ...
             for shown in _pass_stops(each, _own_um(survey, each))
         )
     out = _own_um(survey, before)
-    return (*_pass_stops(before, out), *_pass_stops(driven, _back_um(survey, before, driven, out)))
+    return (
+        *_pass_stops(before, out),
+        *_pass_stops(driven, _back_um(survey, before, driven, out)),
+    )
 
 
-def _back_um(survey: Survey, out: Pass, back: Pass, out_um: dict[int, float]) -> dict[int, float]:
+def _back_um(
+    survey: Survey, out: Pass, back: Pass, out_um: dict[int, float]
+) -> dict[int, float]:
     """Return the deviations of a way back on the zero of the way out: by a common count, or else
     joined at the far end.
     """

@@ -54,7 +54,9 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
         """Return the place in its written form: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1``
         the pass as a whole.
         """
-        return f"{self.setup}/{self.pass_number}" + ("" if self.stop is None else f"/{self.stop}")
+        return f"{self.setup}/{self.pass_number}" + (
+            "" if self.stop is None else f"/{self.stop}"
+        )
 
     @property
     def at(self) -> Place:
@@ -72,7 +74,9 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def names_the_cure(self) -> bool:
         """Return whether its message names a place to drive again, or a value to state."""
-        return self.is_stated or (isinstance(self.why, Message) and self.why.key in DRIVEN_AGAIN)
+        return self.is_stated or (
+            isinstance(self.why, Message) and self.why.key in DRIVEN_AGAIN
+        )
 
     @property
     def is_stated(self) -> bool:
@@ -84,7 +88,9 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def line(self) -> str:
         """Return the line of the survey file that its message names; empty without a line."""
-        return str(self.why.arguments.get("line", "")) if isinstance(self.why, Message) else ""
+        return (
+            str(self.why.arguments.get("line", "")) if isinstance(self.why, Message) else ""
+        )
 
     @property
     def words(self) -> Words:
@@ -118,7 +124,13 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
         measurement.
         """
         mine = (self.setup, self.pass_number, self.stop, self.code, self.taken_ns)
-        return mine == (doubt.setup, doubt.pass_number, doubt.stop, doubt.code, doubt.taken_ns)
+        return mine == (
+            doubt.setup,
+            doubt.pass_number,
+            doubt.stop,
+            doubt.code,
+            doubt.taken_ns,
+        )
 
 
 class TimeStated(msgspec.Struct, frozen=True, kw_only=True):

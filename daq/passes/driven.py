@@ -80,7 +80,11 @@ class Pass:
         """Return the increase of a stop's reading since its earlier reading within the same
         unbroken count; None where it agrees or is new.
         """
-        return None if stop.refused else self._stretches.differs_um(self._measured(stop, stretch))
+        return (
+            None
+            if stop.refused
+            else self._stretches.differs_um(self._measured(stop, stretch))
+        )
 
     def add(self, stop: CapturedStop, stretch: int, slip_um: float | None = None) -> None:
         """Take a stop, unless refused. ``slip_um``: a new stretch begins with this stop, because
@@ -101,7 +105,9 @@ class Pass:
             self.measured.setdefault(stop.stop, []).append(self._measured(stop, stretch))
 
     def _measured(self, stop: CapturedStop, stretch: int) -> Measured:
-        return Measured(stop, stretch, self._visit, self.route.nominal_at_mm(stop.position_mm))
+        return Measured(
+            stop, stretch, self._visit, self.route.nominal_at_mm(stop.position_mm)
+        )
 
     def zeros(self) -> Zeros:
         """Return the zero of every stretch with a zero."""
@@ -140,7 +146,8 @@ class Pass:
         usable = [entry for entry in entries if entry.stretch in self.zeros()]
         visit = [entry for entry in usable if entry.visit == usable[-1].visit]
         ranked = [
-            (not entry.stop.doubts, entry.stop.samples, order) for order, entry in enumerate(visit)
+            (not entry.stop.doubts, entry.stop.samples, order)
+            for order, entry in enumerate(visit)
         ]
         return visit[max(ranked)[2]] if visit else None
 
@@ -184,7 +191,9 @@ class Pass:
                     stop, zero.code, message("from-this-stop", why=zero.doubt), zero.size_um
                 )
         known = {(each.stop, each.code) for each in of_stops}
-        of_stops += [each for each in of_zeros.values() if (each.stop, each.code) not in known]
+        of_stops += [
+            each for each in of_zeros.values() if (each.stop, each.code) not in known
+        ]
         taken_ns = {index: stop.window_from_ns for index, stop in self.chosen().items()}
         newest_ns = max(taken_ns.values(), default=0)
         held = [
@@ -231,7 +240,8 @@ class Pass:
             for stretch, cut in self._stretches.unwatched.items()
             if cut.code == "laser-unwatched"
             and cut.before == stretch - 1
-            and (self.stretch_at(cut.stop - 1), self.stretch_at(cut.stop)) == (cut.before, stretch)
+            and (self.stretch_at(cut.stop - 1), self.stretch_at(cut.stop))
+            == (cut.before, stretch)
         }
 
     def judge(self, cut: Unwatched, *, proven: bool, unproven: Words = "") -> None:
@@ -241,7 +251,9 @@ class Pass:
             self._zeros = self._chosen = None
 
     def _zero_at(self, index: int) -> Zero | None:
-        return self.zeros().get(self._used[index][0].stretch) if index in self.chosen() else None
+        return (
+            self.zeros().get(self._used[index][0].stretch) if index in self.chosen() else None
+        )
 
     def doubt(self, index: int) -> Words:
         """Return why the reading in use at a stop may be wrong; empty without a doubt."""
@@ -321,9 +333,13 @@ class Pass:
             return 0
         if missing:
             return (
-                0 if self._stretches.misfit_um(self.zeros()) is not None else max(missing[0] - 1, 0)
+                0
+                if self._stretches.misfit_um(self.zeros()) is not None
+                else max(missing[0] - 1, 0)
             )
-        return max(self._doubted(still)[0] - (2 if still[0].code == "reading-differs" else 1), 0)
+        return max(
+            self._doubted(still)[0] - (2 if still[0].code == "reading-differs" else 1), 0
+        )
 
     def _doubted(self, still: Sequence[Doubt]) -> list[int]:
         """Return the stops in use that may be wrong by some doubts."""
@@ -340,5 +356,6 @@ class Pass:
         """
         return (
             self.placed
-            or len({entry.stretch for entries in self.measured.values() for entry in entries}) <= 1
+            or len({entry.stretch for entries in self.measured.values() for entry in entries})
+            <= 1
         )

@@ -79,14 +79,19 @@ def assumed_conditions(
         return ()
     wanted = [name for name in AIR if name not in set(stated)]
     missing = {
-        name: sum(getattr(stop, name) is None and name not in stop.held for stop in _in_use(book))
+        name: sum(
+            getattr(stop, name) is None and name not in stop.held for stop in _in_use(book)
+        )
         for name in wanted
     }
     unsure = {
-        name: (COURSES[name].at_once + COURSES[name].an_hour * NEVER_SEEN_S / 3600.0) / np.sqrt(3.0)
+        name: (COURSES[name].at_once + COURSES[name].an_hour * NEVER_SEEN_S / 3600.0)
+        / np.sqrt(3.0)
         for name in wanted
     }
-    return tuple(Held(name, stops, float(unsure[name])) for name, stops in missing.items() if stops)
+    return tuple(
+        Held(name, stops, float(unsure[name])) for name, stops in missing.items() if stops
+    )
 
 
 def _in_use(book: PassBook) -> Iterator[CapturedStop]:
@@ -104,7 +109,8 @@ def _u_by_name(stops: Iterable[CapturedStop]) -> dict[str, list[float]]:
         for name in stop.held:
             age_s = stop.time_s - seen_s[name] if name in seen_s else NEVER_SEEN_S
             found[name].append(
-                (COURSES[name].at_once + COURSES[name].an_hour * age_s / 3600.0) / np.sqrt(3.0)
+                (COURSES[name].at_once + COURSES[name].an_hour * age_s / 3600.0)
+                / np.sqrt(3.0)
             )
     return found
 

@@ -182,7 +182,11 @@ class PassBook:
     def wanted(self) -> list[int]:
         """Return the numbers of the plan's passes of every setup: odd outward, even back."""
         return list(
-            range(1, 2 * self._survey.plan.repeats + 1, 1 if self._survey.plan.return_pass else 2)
+            range(
+                1,
+                2 * self._survey.plan.repeats + 1,
+                1 if self._survey.plan.return_pass else 2,
+            )
         )
 
     def open_passes(self, setup: str) -> list[int]:
@@ -309,7 +313,10 @@ class PassBook:
                 proven = bool(hidden_um <= self._same_um)
                 if proven and not cut.proven:
                     held = message(
-                        "laser-unwatched.held", stop=cut.stop, why=cut.why, hidden_um=hidden_um
+                        "laser-unwatched.held",
+                        stop=cut.stop,
+                        why=cut.why,
+                        hidden_um=hidden_um,
                     )
                     place = each.doubted(each.chosen()[cut.stop], held.code, held).at
                     self._news.append(finding("info", held, place))
@@ -390,5 +397,9 @@ def _slipped(each: Pass, stop: CapturedStop, slip_um: float) -> Finding:
 
 
 def _as_finding(doubt: Doubt) -> Finding:
-    why = doubt.why if isinstance(doubt.why, Message) else message("as-it-stands", text=doubt.why)
+    why = (
+        doubt.why
+        if isinstance(doubt.why, Message)
+        else message("as-it-stands", text=doubt.why)
+    )
     return finding("warning", why, doubt.at, code=doubt.code, size_um=doubt.size_um)

@@ -58,7 +58,9 @@ class Step:
     instead: int | None = None
 
 
-def step_in(values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector) -> Step | None:
+def step_in(
+    values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector
+) -> Step | None:
     """Return the single step of an otherwise smooth sequence, or None.
 
     ``values_um`` (n,) are differences of readings at the stops in order, ``u_um`` their standard
@@ -70,7 +72,9 @@ def step_in(values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector)
     if len(steps_um) < 3:
         return None
     off_um, noise_um = np.abs(steps_um - np.median(steps_um)), np.hypot(u_um[1:], u_um[:-1])
-    usual_um = np.array([_usual_of_axis(off_um, axes, share, at) for at in range(len(off_um))])
+    usual_um = np.array(
+        [_usual_of_axis(off_um, axes, share, at) for at in range(len(off_um))]
+    )
     return _outlier(steps_um, noise_um, LEAST_UM, usual_um)
 
 

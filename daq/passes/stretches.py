@@ -168,7 +168,8 @@ class Stretches:
         found = [self._from(base) for base in bases]
         whole = [zeros for zeros in found if len(self._used(zeros)) == stops]
         fewest = min(
-            (sum(bool(zero.doubt) for zero in self._used(zeros)) for zeros in whole), default=0
+            (sum(bool(zero.doubt) for zero in self._used(zeros)) for zeros in whole),
+            default=0,
         )
         best = [
             zeros
@@ -234,7 +235,9 @@ class Stretches:
         """Return whether all stops measured in two stretches agree on the shift between them; if
         not, the mirror was moved.
         """
-        return _spread_um(shifts) <= 2.0 * self.same_um + SURE * max(u_um for _, _, u_um in shifts)
+        return _spread_um(shifts) <= 2.0 * self.same_um + SURE * max(
+            u_um for _, _, u_um in shifts
+        )
 
     def _joined(self, stretch: int, shifts: list[tuple[float, Zero, float]]) -> Zero:
         offset_mm, known = float(np.median([shift for shift, _, _ in shifts])), shifts[0][1]
@@ -265,7 +268,9 @@ class Stretches:
             if stretch not in zeros and cut.before in zeros:
                 known, doubt = zeros[cut.before], cut.doubt
                 code = known.code or (cut.code if doubt else "")
-                zeros[stretch] = Zero(known.offset_mm, known.doubt or doubt, code, known.size_um)
+                zeros[stretch] = Zero(
+                    known.offset_mm, known.doubt or doubt, code, known.size_um
+                )
                 return True
         return False
 
@@ -273,9 +278,9 @@ class Stretches:
         """Return the disagreement of the twice measured stops on the shift between two stretches,
         if it is too large to join them; None otherwise.
         """
-        apart = {entry.stretch for entries in self.measured.values() for entry in entries} - set(
-            zeros
-        )
+        apart = {
+            entry.stretch for entries in self.measured.values() for entry in entries
+        } - set(zeros)
         spreads = [
             _spread_um(shifts)
             for stretch in apart

@@ -40,5 +40,9 @@ def clock_findings(book: PassBook, now_s: float | None = None) -> Iterator[Findi
         return
     moment = datetime.fromtimestamp(stated.begun_s, UTC).isoformat(timespec="minutes")
     yield info(
-        "clock-unset.stated", day=str(day), time=moment, name=stated.name, reason=stated.reason
+        "clock-unset.stated",
+        day=str(day),
+        time=moment,
+        name=stated.name,
+        reason=stated.reason,
     )

@@ -42,12 +42,19 @@ def tabulate(
         for one in sorted(counted, key=lambda one: -one.driven.number)
     }
     tables = [
-        _pass_rows(survey, one, first[one.driven.route.setup, one.zero], stated) for one in counted
+        _pass_rows(survey, one, first[one.driven.route.setup, one.zero], stated)
+        for one in counted
     ]
-    begin = min((stop.time_s for each in used for stop in each.chosen().values()), default=0.0)
+    begin = min(
+        (stop.time_s for each in used for stop in each.chosen().values()), default=0.0
+    )
     return make_readings(
-        setup=[each.route.setup for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
-        pass_number=[each.number for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
+        setup=[
+            each.route.setup for each, rows in zip(used, tables, strict=True) for _ in rows[0]
+        ],
+        pass_number=[
+            each.number for each, rows in zip(used, tables, strict=True) for _ in rows[0]
+        ],
         stop=[stop for rows in tables for stop in range(len(rows[0]))],
         position_mm=np.vstack([[stop.position_mm for stop in rows[1]] for rows in tables])
         if used
@@ -75,7 +82,8 @@ def _pass_rows(
     """
     chosen = one.driven.chosen()
     stops = [
-        msgspec.structs.replace(chosen[index], **stated) for index in range(len(one.driven.route))
+        msgspec.structs.replace(chosen[index], **stated)
+        for index in range(len(one.driven.route))
     ]
     counts = np.array([stop.reading_mm for stop in stops]) + one.offset_mm
     origin = msgspec.structs.replace(first.driven.chosen()[0], **stated)

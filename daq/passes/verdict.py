@@ -65,7 +65,9 @@ def settled_findings(
     """
     accepted = [_accepted(doubt, word) for doubt, word in book.accepted()]
     doubts = [_as_finding(doubt) for doubt in book.doubts() if not _settled_by(doubt, stated)]
-    named = {(each.code, setup) for each in (*doubts, *accepted) for setup in (each.setup, "")}
+    named = {
+        (each.code, setup) for each in (*doubts, *accepted) for setup in (each.setup, "")
+    }
     others = [
         each
         for each in solved
@@ -103,7 +105,11 @@ def _accepted(doubt: Doubt, word: Acceptance) -> Finding:
         "warning",
         doubt,
         message(
-            "doubt-accepted", what=_placed(doubt), name=word.name, time=moment, reason=word.reason
+            "doubt-accepted",
+            what=_placed(doubt),
+            name=word.name,
+            time=moment,
+            reason=word.reason,
         ),
     )
 
@@ -125,7 +131,9 @@ def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
         )
 
 
-def assumed_findings(survey: Survey, stops: int, unmeasured: Iterable[Held]) -> Iterator[Finding]:
+def assumed_findings(
+    survey: Survey, stops: int, unmeasured: Iterable[Held]
+) -> Iterator[Finding]:
     """Yield the conditions of the air that no sensor measured, their number of ``stops``, the
     values used instead and their uncertainty.
     """

@@ -66,7 +66,9 @@ def keep_budget(folder: Path, max_bytes: float) -> Iterator[Packed]:
 
     Raises DataError for a log that does not read back equal; the log then stays unchanged.
     """
-    rounds = sorted(each for each in folder.iterdir() if each.is_dir() and each.name.isdecimal())
+    rounds = sorted(
+        each for each in folder.iterdir() if each.is_dir() and each.name.isdecimal()
+    )
     for each in rounds:
         if size_bytes(folder) <= max_bytes:
             return

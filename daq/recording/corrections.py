@@ -140,9 +140,13 @@ def _differing(name: str, before: Any, after: Any) -> Iterator[Change]:
         return
     if isinstance(before, dict) and isinstance(after, dict):
         for key in dict.fromkeys([*before, *after]):
-            yield from _differing(f"{name}.{key}".lstrip("."), before.get(key), after.get(key))
+            yield from _differing(
+                f"{name}.{key}".lstrip("."), before.get(key), after.get(key)
+            )
         return
-    yield Change(name, msgspec.json.encode(before).decode(), msgspec.json.encode(after).decode())
+    yield Change(
+        name, msgspec.json.encode(before).decode(), msgspec.json.encode(after).decode()
+    )
 
 
 def corrections_in(folder: Path) -> tuple[Correction, ...]:
@@ -206,7 +210,9 @@ def must_reread(logs: Sequence[Path], text: str) -> bool:
     """Return whether the notes in the logs differ from the result of a survey file."""
     recorded = dict.fromkeys(open_log(log).header.survey_text for log in logs)
     found = [compared(each, text) for each in recorded if each != text]
-    return any(each is None or any(change.reads_otherwise for change in each) for each in found)
+    return any(
+        each is None or any(change.reads_otherwise for change in each) for each in found
+    )
 
 
 def replay_corrected(
@@ -219,7 +225,9 @@ def replay_corrected(
 
     ``survey_file`` replaces an unusable file. Raises the errors of `replay`.
     """
-    text = read_text(survey_file) if survey_file is not None else text_of(logs[0].parent, logs)
+    text = (
+        read_text(survey_file) if survey_file is not None else text_of(logs[0].parent, logs)
+    )
     headers = [open_log(log).header for log in logs]
     alike = all(header.survey_text == headers[0].survey_text for header in headers)
     foreign = [compared(header.survey_text, text) for header in headers]
@@ -236,7 +244,9 @@ def replay_corrected(
     source = survey_file.name if survey_file is not None else f"{logs[0].name}: survey.toml"
     session, found = reread(logs, text, source, suspicions)
     replayed = tuple(
-        ReplayedLog(log, tuple(outcome for path, outcome in found if path == log), _end_of(log))
+        ReplayedLog(
+            log, tuple(outcome for path, outcome in found if path == log), _end_of(log)
+        )
         for log in logs
     )
     return Replayed(
@@ -298,7 +308,11 @@ def reread(
             newest[key] = time_of(event)
             begun = log.header.run.get("expected_setup", "")
             begun = renamed.get(begun, begun)
-            if survey.plc.silent and not session.recording and session.book.open_passes(begun):
+            if (
+                survey.plc.silent
+                and not session.recording
+                and session.book.open_passes(begun)
+            ):
                 session.begin(begun, time_of(event))
             session.consume(event)
     session.close(message("closed-stopped"))

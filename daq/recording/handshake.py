@@ -63,7 +63,12 @@ class Handshake:
             self._worked = self._worked or (
                 self._waits_at is not None and self._waits_at == self._written
             )
-            self._waits_at, self._since_ns, self._written_times, self.alarm = count, now_ns, 0, ""
+            self._waits_at, self._since_ns, self._written_times, self.alarm = (
+                count,
+                now_ns,
+                0,
+                "",
+            )
         if count is None:
             return None
         if count == self._written:
@@ -88,7 +93,9 @@ class Handshake:
         other than the handshake.
         """
         if count == self._written:
-            return bool(self._refused) or (not self._worked and self._written_times >= MOST_TIMES)
+            return bool(self._refused) or (
+                not self._worked and self._written_times >= MOST_TIMES
+            )
         return now_ns - self._since_ns > self._patience_ns
 
     def _in_words(self, count: int, now_ns: int, waits_for: Words) -> Message:

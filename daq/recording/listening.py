@@ -48,7 +48,9 @@ class _Ear:
     looked_at: int = 0
 
     def take(self, chunk: Chunk) -> None:
-        self.spent_ns += min(chunk.arrival_ns - self.last_ns, SILENCE_NS) if self.last_ns else 0
+        self.spent_ns += (
+            min(chunk.arrival_ns - self.last_ns, SILENCE_NS) if self.last_ns else 0
+        )
         self.last_ns = chunk.arrival_ns
         self.heard += chunk.data[: KEPT - len(self.heard)]
         self.count += len(chunk.data)
@@ -124,5 +126,7 @@ def _unusable(stream: Stream, ear: _Ear) -> Finding:
         )
     remark = ear.remarks.get("garbage") or ear.remarks.get("device") or ""
     return finding(
-        "warning", senseless(STREAMS[stream], ear.heard, ear.count, remark), code="bytes-garbled"
+        "warning",
+        senseless(STREAMS[stream], ear.heard, ear.count, remark),
+        code="bytes-garbled",
     )

@@ -165,7 +165,11 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
     logs = begun_logs(last)
     recorded = text_of(last, logs)
     changed = compared(recorded, survey_text) if recorded else []
-    if (last / RESULT).exists() or changed is None or any(each.begins_round for each in changed):
+    if (
+        (last / RESULT).exists()
+        or changed is None
+        or any(each.begins_round for each in changed)
+    ):
         return replace(_new_round(folder, int(last.name) + 1, run), left=_last_stop(logs))
     if changed:
         note_correction(
@@ -200,7 +204,9 @@ def gone_on_with(folder: Path, survey_text: str) -> Path:
     """
     logs = begun_logs(folder)
     recorded = {open_log(log).header.survey_text for log in logs}
-    if not (folder / RESULT).exists() or not all(has_further(survey_text, one) for one in recorded):
+    if not (folder / RESULT).exists() or not all(
+        has_further(survey_text, one) for one in recorded
+    ):
         return folder
     new = folder.with_name(f"{int(folder.name) + 1:04d}")
     if not new.exists():
@@ -364,7 +370,9 @@ def _require_possible(stop: CapturedStop) -> None:
 
 def _last_stop(logs: Sequence[Path]) -> CapturedStop | None:
     """Return the last stop of a survey, from the newest log with a stop."""
-    return next((noted.stops[-1] for log in reversed(logs) if (noted := noted_in(log)).stops), None)
+    return next(
+        (noted.stops[-1] for log in reversed(logs) if (noted := noted_in(log)).stops), None
+    )
 
 
 def _new_round(folder: Path, number: int, run: dict[str, str]) -> Round:

@@ -37,7 +37,9 @@ class Series:
         block is left out."""
         size = max(1, int(np.ceil(self.rate_hz / rate_hz - 1e-9)))
         whole = len(self.position_mm) // size * size
-        return Series(self.position_mm[:whole].reshape(-1, size).mean(axis=1), self.rate_hz / size)
+        return Series(
+            self.position_mm[:whole].reshape(-1, size).mean(axis=1), self.rate_hz / size
+        )
 
 
 def parse_rtx(data: bytes, unit: str, source: str) -> Series:
@@ -65,13 +67,19 @@ def parse_rtx(data: bytes, unit: str, source: str) -> Series:
         if colon
     }
     where = f"{source}: Actual sample rate"
-    rate_hz = number_in({"rate": fields.get("actual sample rate", "")}, "rate", where, least=0.0)
+    rate_hz = number_in(
+        {"rate": fields.get("actual sample rate", "")}, "rate", where, least=0.0
+    )
     body = data[begin:end]
     if len(body) % 8 or not rate_hz:
         raise DataError(
-            source, expected=message("rtx-whole"), found=message("number-of-bytes", count=len(body))
+            source,
+            expected=message("rtx-whole"),
+            found=message("number-of-bytes", count=len(body)),
         )
-    return _checked(np.frombuffer(body, dtype="<f8").astype(np.float64) * MM[unit], rate_hz, source)
+    return _checked(
+        np.frombuffer(body, dtype="<f8").astype(np.float64) * MM[unit], rate_hz, source
+    )
 
 
 def parse_csv_series(text: str, unit: str, source: str) -> Series:
@@ -89,7 +97,9 @@ def parse_csv_series(text: str, unit: str, source: str) -> Series:
     usual_s = float(np.median(steps)) if len(steps) else 0.0
     if not usual_s > 0.0:
         raise DataError(
-            f"{source}: time_s", expected=message("times-that-rise"), found=message("other-ones")
+            f"{source}: time_s",
+            expected=message("times-that-rise"),
+            found=message("other-ones"),
         )
     wrong = np.flatnonzero(np.abs(steps - usual_s) > STEADY * usual_s)
     if len(wrong):
@@ -99,10 +109,14 @@ def parse_csv_series(text: str, unit: str, source: str) -> Series:
             expected=message("sample-period", period_s=usual_s),
             found=f"{float(steps[wrong[0]]):g} s",
         )
-    return _checked(positions * MM[unit], (len(times) - 1) / float(times[-1] - times[0]), source)
+    return _checked(
+        positions * MM[unit], (len(times) - 1) / float(times[-1] - times[0]), source
+    )
 
 
 def _checked(position_mm: Vector, rate_hz: float, source: str) -> Series:
     if len(position_mm) < 2 or not np.isfinite(position_mm).all():
-        raise DataError(source, expected=message("finite-positions"), found=message("other-ones"))
+        raise DataError(
+            source, expected=message("finite-positions"), found=message("other-ones")
+        )
     return Series(position_mm, rate_hz)

@@ -19,7 +19,12 @@ from stepdiag.base.setups import setups_meant
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.cause.finder import line_named, line_to_correct
-from stepdiag.daq.capture.conditions import believed_before, condition_names, is_sensed, with_air
+from stepdiag.daq.capture.conditions import (
+    believed_before,
+    condition_names,
+    is_sensed,
+    with_air,
+)
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.dwell import same_stop
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
@@ -177,7 +182,9 @@ class Session:
         if last is self.book.last and last.stop < self.book.last_stop(last):
             return
         x, y, z = last.position_mm
-        self._standing = Signals(stopped=True, stop_count=last.stop_count, x_mm=x, y_mm=y, z_mm=z)
+        self._standing = Signals(
+            stopped=True, stop_count=last.stop_count, x_mm=x, y_mm=y, z_mm=z
+        )
 
     @property
     def folder(self) -> Path:
@@ -197,7 +204,9 @@ class Session:
         if self._unshown is not None:
             self._strip.follow(self._unshown)
             self._unshown = None
-        self._strip.follow(self._idle["laser"] if self.capture is None else self.capture.laser)
+        self._strip.follow(
+            self._idle["laser"] if self.capture is None else self.capture.laser
+        )
         return self._strip
 
     @property
@@ -224,7 +233,9 @@ class Session:
             return
         capture = self.capture
         if self._silent or capture.may_be_over:
-            self._remember(event)  # the next pass may begin before this one is known to have ended
+            self._remember(
+                event
+            )  # the next pass may begin before this one is known to have ended
         for admitted in self._sink.admit(event):
             if capture.ended is None:
                 self._feed(capture, admitted)
@@ -238,7 +249,9 @@ class Session:
         refused = self._why_not(setup)
         if refused:
             raise UsageError(
-                message("where-begin", name=setup), expected=message("expects-begun"), found=refused
+                message("where-begin", name=setup),
+                expected=message("expects-begun"),
+                found=refused,
             )
         self.book.preferred, self._begun = setup, setup
         self._passes_left = self.survey.plan.passes_per_setup
@@ -265,7 +278,9 @@ class Session:
         """
         last = self.laser_samples()
         self.shown_zero_mm = (
-            0.0 if last is None or math.isnan(last.position_mm[-1]) else float(last.position_mm[-1])
+            0.0
+            if last is None or math.isnan(last.position_mm[-1])
+            else float(last.position_mm[-1])
         )
 
     def close(self, reason: Message) -> None:
@@ -389,14 +404,18 @@ class Session:
         if setup is None:
             return not self.book.complete()
         return any(
-            self.book.open_passes(name) for name in setups_meant(setup, self.survey.plan.all_setups)
+            self.book.open_passes(name)
+            for name in setups_meant(setup, self.survey.plan.all_setups)
         )
 
     def _remember(self, event: Event) -> None:
         self._before.append(event)
         self._before_bytes += len(event.data) if isinstance(event, Chunk) else 0
         newest = time_of(event)
-        while self._before_bytes > PREROLL_BYTES or time_of(self._before[0]) < newest - PREROLL_NS:
+        while (
+            self._before_bytes > PREROLL_BYTES
+            or time_of(self._before[0]) < newest - PREROLL_NS
+        ):
             oldest = self._before.popleft()
             self._before_bytes -= len(oldest.data) if isinstance(oldest, Chunk) else 0
 
@@ -405,7 +424,9 @@ class Session:
         self._drawn = []
         events, self._before, self._before_bytes = list(self._before), deque(), 0
         offset = self._wall_offset_ns()
-        self._stops_offset_ns = offset if self._stops_offset_ns is None else self._stops_offset_ns
+        self._stops_offset_ns = (
+            offset if self._stops_offset_ns is None else self._stops_offset_ns
+        )
         breaks = last_of_each((*self._breaks, *self._idle["laser"].breaks))
         start = self.book.start(
             skip_open_dwell=self._skip_dwell,
@@ -469,7 +490,12 @@ class Session:
         in turn.
         """
         self._passes_left -= 1
-        if self._begun and whole and self._passes_left > 0 and self.book.open_passes(self._begun):
+        if (
+            self._begun
+            and whole
+            and self._passes_left > 0
+            and self.book.open_passes(self._begun)
+        ):
             self._begin_next(self._stops[-1].window_to_ns, now_ns)
         else:
             self._begun = ""
@@ -507,11 +533,14 @@ class Session:
             self.book.add(outcome)
             self.unsolved = ""
             self._sink.promise(
-                stop_note(outcome, *self.book.deviation(outcome)), lambda: self._on_outcome(outcome)
+                stop_note(outcome, *self.book.deviation(outcome)),
+                lambda: self._on_outcome(outcome),
             )
             self._draw(outcome)
             for remark in self.book.news():
-                for raised in self.capture.heed(remark) if self.capture is not None else [remark]:
+                for raised in (
+                    self.capture.heed(remark) if self.capture is not None else [remark]
+                ):
                     self._heed(raised)
             return
         if isinstance(outcome, Finding):

@@ -49,7 +49,10 @@ class SurveyLinks:
     """
 
     def __init__(
-        self, survey: Survey, consume: Consume, on_written: Callable[[Words], None] = lambda _: None
+        self,
+        survey: Survey,
+        consume: Consume,
+        on_written: Callable[[Words], None] = lambda _: None,
     ) -> None:
         self._survey = survey
         self._consume = consume
@@ -85,7 +88,8 @@ class SurveyLinks:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._fail(), name="collect")
                 self._tasks = [
-                    group.create_task(line.run(), name=name) for name, line in self._lines.items()
+                    group.create_task(line.run(), name=name)
+                    for name, line in self._lines.items()
                 ]
         finally:
             self.collect()
@@ -147,7 +151,10 @@ class SurveyLinks:
     def _status(self, name: str) -> LinkStatus:
         if name not in self._lines:
             return LinkStatus(
-                state="connected", address=message("no-signals-laser-alone"), age_s=None, detail=""
+                state="connected",
+                address=message("no-signals-laser-alone"),
+                age_s=None,
+                detail="",
             )
         heard = self._heard_ns.get(name)
         return LinkStatus(
@@ -229,10 +236,16 @@ class SurveyLinks:
 def machine_settings(plc: Plc) -> MachineSettings:
     """Return how the survey's machine is reached."""
     if plc.transport == "tcp":
-        return TcpSettings(host=plc.host, port=plc.tcp_port, unit=plc.unit, timeout_s=plc.timeout_s)
+        return TcpSettings(
+            host=plc.host, port=plc.tcp_port, unit=plc.unit, timeout_s=plc.timeout_s
+        )
     if plc.transport == "s7":
         return S7Settings(
-            host=plc.host, port=plc.tcp_port, rack=plc.rack, slot=plc.slot, timeout_s=plc.timeout_s
+            host=plc.host,
+            port=plc.tcp_port,
+            rack=plc.rack,
+            slot=plc.slot,
+            timeout_s=plc.timeout_s,
         )
     if plc.transport == "lsv2":
         return Lsv2Settings(host=plc.host, port=plc.tcp_port, timeout_s=plc.timeout_s)

@@ -88,7 +88,9 @@ def verdicts_in(folder: Path) -> Verdicts:
     )
 
 
-def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, time_s: float) -> None:
+def accept(
+    doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, time_s: float
+) -> None:
     """Add a person's acceptance of doubts; on disk when this returns.
 
     Raises UsageError where the reason or the name is empty, or the file cannot be written.
@@ -101,12 +103,16 @@ def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, tim
     append_line(folder / ACCEPTED, b"\n".join(map(msgspec.json.encode, words)))
 
 
-def state_time(folder: Path, begun_s: float, *, reason: str, name: str, time_s: float) -> None:
+def state_time(
+    folder: Path, begun_s: float, *, reason: str, name: str, time_s: float
+) -> None:
     """Add a person's statement of the time of the first stop, in seconds since 1970; on disk when
     this returns. Raises the errors of `accept`.
     """
     _require_words(reason=reason, name=name)
-    word = TimeStated(begun_s=begun_s, name=name.strip(), reason=reason.strip(), time_s=time_s)
+    word = TimeStated(
+        begun_s=begun_s, name=name.strip(), reason=reason.strip(), time_s=time_s
+    )
     append_line(folder / DATED, msgspec.json.encode(word))
 
 
@@ -133,10 +139,13 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
         doubt
         for doubt in still
         if place
-        and place in (doubt.place, f"{doubt.setup}/{doubt.pass_number}", doubt.code, doubt.line)
+        and place
+        in (doubt.place, f"{doubt.setup}/{doubt.pass_number}", doubt.code, doubt.line)
     ]
     if not found:
-        named = [message("place-and-code", place=doubt.place, code=doubt.code) for doubt in still]
+        named = [
+            message("place-and-code", place=doubt.place, code=doubt.code) for doubt in still
+        ]
         raise UsageError(
             message("where-accept"),
             expected=message("expects-place", places=named)
@@ -157,7 +166,8 @@ def note_judgement(folder: Path, judged: Judgement) -> None:
 def mark_of(folder: Path) -> tuple[int, ...]:
     """Return a value that changes with every added line."""
     return tuple(
-        path.stat().st_size if path.exists() else 0 for path in (folder / name for name in WORDS)
+        path.stat().st_size if path.exists() else 0
+        for path in (folder / name for name in WORDS)
     )
 
 
@@ -198,13 +208,19 @@ def lines_of(path: Path, kind: type[Line]) -> list[Line]:
         return []
     found: list[Line] = []
     torn: list[tuple[int, str]] = []
-    for number, line in enumerate(read_bytes(path, largest=LARGEST_BYTES).splitlines(), start=1):
+    for number, line in enumerate(
+        read_bytes(path, largest=LARGEST_BYTES).splitlines(), start=1
+    ):
         try:
             found.append(msgspec.json.decode(line, type=kind))
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             torn.append((number, str(error)))
     if torn:
         _log.warning(
-            "verdict-not-read", file=str(path), lines=len(torn), line=torn[0][0], reason=torn[0][1]
+            "verdict-not-read",
+            file=str(path),
+            lines=len(torn),
+            line=torn[0][0],
+            reason=torn[0][1],
         )
     return found

@@ -113,7 +113,11 @@ class LinkEvent(msgspec.Struct, frozen=True, gc=False):
 def with_lost(detail: Words, lost: Sequence[Words]) -> Words:
     """Return the state of a link in words, and its losses."""
     return joined(
-        [each for each in (detail, message("bytes-lost-at", causes=lost) if lost else "") if each]
+        [
+            each
+            for each in (detail, message("bytes-lost-at", causes=lost) if lost else "")
+            if each
+        ]
     )
 
 

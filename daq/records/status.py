@@ -63,7 +63,9 @@ class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
         """Return this advice, or None if its setup has been recorded meanwhile; the next advice is
         still being computed.
         """
-        stands = self.further or not self.setup or self.setup in {each.setup for each in to_drive}
+        stands = (
+            self.further or not self.setup or self.setup in {each.setup for each in to_drive}
+        )
         return self if stands else AheadStatus()
 
 
@@ -288,7 +290,9 @@ class Download(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     path: Path
-    kind: Literal["report", "certificate", "result", "export", "log", "figure", "bundle", "restore"]
+    kind: Literal[
+        "report", "certificate", "result", "export", "log", "figure", "bundle", "restore"
+    ]
     size_bytes: int
     sha256: str = ""
     """Empty where unknown without reading the file."""

@@ -25,7 +25,9 @@ def logs_in(folder: Path) -> list[Path]:
     cut off (``.part``) is used until a mended copy exists beside it.
     """
     found = {
-        path.name: path for path in folder.iterdir() if path.name.endswith((".mcap", ".mcap.part"))
+        path.name: path
+        for path in folder.iterdir()
+        if path.name.endswith((".mcap", ".mcap.part"))
     }
     replaced = {
         name.replace(".recovered.mcap", ".mcap")

@@ -93,7 +93,9 @@ class Finisher:
     def look_ahead(self, folder: Path, then: Callable[[], None]) -> None:
         """Begin to compute the next passes; ``then`` is called after success or failure."""
         if self._commands.ahead:
-            self._looking = self._begin(self._look_ahead(folder, then), f"ahead {folder.name}")
+            self._looking = self._begin(
+                self._look_ahead(folder, then), f"ahead {folder.name}"
+            )
 
     def take(self, then: Callable[[], None]) -> None:
         """Begin to add the further setup to the survey file; ``then`` is called after success or
@@ -133,7 +135,9 @@ class Finisher:
         await self._recorder_idle.wait()
         code, reason = await self._run(*self._commands.completion, READINGS_ONLY, str(folder))
         if code:
-            _log.error("readings-unwritten", folder=str(folder), exit_code=code, reason=str(reason))
+            _log.error(
+                "readings-unwritten", folder=str(folder), exit_code=code, reason=str(reason)
+            )
         then()
 
     async def _certify(self, folder: Path, then: Callable[[], None]) -> None:
@@ -153,7 +157,9 @@ class Finisher:
         await self._recorder_idle.wait()
         code, reason = await self._run(*self._commands.ahead)
         if code:
-            _log.warning("ahead-unknown", folder=str(folder), exit_code=code, reason=str(reason))
+            _log.warning(
+                "ahead-unknown", folder=str(folder), exit_code=code, reason=str(reason)
+            )
         self.ahead = AheadStatus() if code else ahead_in(folder)
         if self.ahead.words:
             _log.info(
@@ -180,9 +186,13 @@ class Finisher:
         self._tally.solve_s = time.monotonic() - began_s
         self._tally.surveys[code] += 1
         if code == 0:
-            _log.info("survey-complete", folder=str(folder), exit_code=0, message=str(self.message))
+            _log.info(
+                "survey-complete", folder=str(folder), exit_code=0, message=str(self.message)
+            )
         else:
-            _log.error("survey-open", folder=str(folder), exit_code=code, reason=str(self.message))
+            _log.error(
+                "survey-open", folder=str(folder), exit_code=code, reason=str(self.message)
+            )
         self._on_done(folder, code == 0)
         await self._keep_budget(folder.parent)
 

@@ -139,7 +139,9 @@ class Daemon:
         self.status_source.open(working)
         self._settled.know(working.session)
         if working.session.book.complete():
-            working.session.unsolved = ""  # the obstacle of the solver may be removed meanwhile
+            working.session.unsolved = (
+                ""  # the obstacle of the solver may be removed meanwhile
+            )
         self._complete_if_settled()
         workers: list[asyncio.Task[Any]] = [
             asyncio.create_task(working.survey_links.run(), name="links"),
@@ -155,7 +157,9 @@ class Daemon:
             waits_for=str(self.status_source.waits_for()),
         )
         try:
-            done, _ = await asyncio.wait([*workers, stopping], return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait(
+                [*workers, stopping], return_when=asyncio.FIRST_COMPLETED
+            )
             for task in done - {stopping}:
                 task.result()
                 raise RuntimeError(f"the worker {task.get_name()} ended by itself")
@@ -237,7 +241,9 @@ class Daemon:
         session = self._working.session
         if session.machine_waits:
             self._working.survey_links.hurry()
-        if waits := handshake.look(session.signals, block.recv_ns, self.status_source.waits_for):
+        if waits := handshake.look(
+            session.signals, block.recv_ns, self.status_source.waits_for
+        ):
             session.say(waits)
 
     def _written(self, refused: Words) -> None:
@@ -255,7 +261,12 @@ class Daemon:
             say = {"info": _log.info, "warning": _log.warning, "error": _log.error}[
                 outcome.severity
             ]
-            say("finding", code=outcome.code, severity=outcome.severity, text=str(outcome.words))
+            say(
+                "finding",
+                code=outcome.code,
+                severity=outcome.severity,
+                text=str(outcome.words),
+            )
         else:
             self._ended(outcome)
 
@@ -330,7 +341,9 @@ class Daemon:
             self._complete()
         elif settled == "doubted":
             still = session.book.doubts()
-            self._working.finisher.tabulate(session.folder, lambda: self._say_open(session, still))
+            self._working.finisher.tabulate(
+                session.folder, lambda: self._say_open(session, still)
+            )
 
     def _say_open(self, session: Session, still: Sequence[Doubt]) -> None:
         """Report the remaining doubts: they may have been accepted meanwhile, or removed by another
@@ -351,7 +364,9 @@ class Daemon:
         whole = working.session
         working.finisher.finish(whole.folder)
         working.tally.samples_before += whole.samples
-        working.session = self._session(working.recorder, next_round(whole.round), armed=False)
+        working.session = self._session(
+            working.recorder, next_round(whole.round), armed=False
+        )
         working.shown = whole
 
     def _solved(self, folder: Path, solved: bool) -> None:
@@ -414,9 +429,12 @@ class Daemon:
             _log.warning("survey-file-not-taken", detail=str(refused))
             return
         self._go_on(
-            text, replace(working.shown.as_round(verdicts_in(working.shown.folder)), folder=folder)
+            text,
+            replace(working.shown.as_round(verdicts_in(working.shown.folder)), folder=folder),
         )
-        _log.info("survey-goes-on", setups=list(self.survey.plan.all_setups), folder=str(folder))
+        _log.info(
+            "survey-goes-on", setups=list(self.survey.plan.all_setups), folder=str(folder)
+        )
 
     def _go_on(self, text: str, begun: Round) -> None:
         """Go on with a round by another survey file."""
@@ -434,7 +452,9 @@ class Daemon:
         solved, or the machine must be driven again.
         """
         changed = compared(self._text, text) or []
-        solved = self._working.finisher.result is not None or not self._working.shown.book.stops
+        solved = (
+            self._working.finisher.result is not None or not self._working.shown.book.stops
+        )
         return [] if solved or any(each.begins_round for each in changed) else changed
 
     async def _correct(self, name: str) -> None:
@@ -446,7 +466,9 @@ class Daemon:
         if working.session.recording or not changed:
             found = found_now(working.session)
             raise UsageError(
-                message("where-correct"), expected=message("expects-changed-file"), found=found
+                message("where-correct"),
+                expected=message("expects-changed-file"),
+                found=found,
             )
         correction = Correction(
             time_s=time.time(), name=name, changes=tuple(map(str, changed)), survey_text=text
@@ -457,7 +479,9 @@ class Daemon:
         )  # no pass begins while the logs of the previous passes are read
         try:
             await asyncio.to_thread(note_correction, working.shown.folder, correction)
-            begun = await asyncio.to_thread(latest_round, self._folder, text, self._run_record)
+            begun = await asyncio.to_thread(
+                latest_round, self._folder, text, self._run_record
+            )
         finally:
             working.paused = paused
         self._go_on(text, begun)
@@ -476,7 +500,10 @@ class Daemon:
                 self._working.session.begin(word.setup, now_ns())
             except UsageError as refused:
                 _log.warning(
-                    "begin-refused", setup=word.setup, given_name=word.name, detail=str(refused)
+                    "begin-refused",
+                    setup=word.setup,
+                    given_name=word.name,
+                    detail=str(refused),
                 )
             else:
                 _log.info("begun", setup=word.setup, given_name=word.name)
@@ -528,7 +555,9 @@ class Daemon:
         ``then`` at the end.
         """
         self._live_s = time.monotonic()
-        self._writing = asyncio.create_task(self._written_live(self._writing, then), name="live")
+        self._writing = asyncio.create_task(
+            self._written_live(self._writing, then), name="live"
+        )
 
     async def _written_live(
         self, before: asyncio.Task[None] | None, then: Callable[[], object] | None
@@ -565,6 +594,10 @@ def _unwritten(health: RecorderHealth) -> DeviceError:
     """Return the error for a disk that has not accepted the newest records."""
     remedy = message("make-room")
     found = message(
-        "bytes-lost", why=health.reason or message("disk-too-slow"), count=health.backlog_bytes
+        "bytes-lost",
+        why=health.reason or message("disk-too-slow"),
+        count=health.backlog_bytes,
     )
-    return DeviceError(str(health.path), expected=message("disk-takes"), found=found, remedy=remedy)
+    return DeviceError(
+        str(health.path), expected=message("disk-takes"), found=found, remedy=remedy
+    )

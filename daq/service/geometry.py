@@ -22,20 +22,27 @@ def geometry(
     or driven."""
     edges, axes = _box(plan.volume)
     ways = tuple(
-        WayStatus(setup=one.name, state=one.state, ends_mm=_ends(plan, one.name)) for one in setups
+        WayStatus(setup=one.name, state=one.state, ends_mm=_ends(plan, one.name))
+        for one in setups
     )
     route = _route(plan, expects, number) if expects else ()
     return GeometryStatus(edges_mm=edges, axes=axes, ways=ways, route_mm=route)
 
 
 @lru_cache(maxsize=4)
-def _box(volume: Volume) -> tuple[tuple[tuple[Point, Point], ...], tuple[tuple[str, Point], ...]]:
+def _box(
+    volume: Volume,
+) -> tuple[tuple[tuple[Point, Point], ...], tuple[tuple[str, Point], ...]]:
     """Return the edges, those at the origin first, and the places of the axis names."""
     corners = [_corner(volume, bits) for bits in range(8)]
     pairs = [(a, a | bit) for a, bit in product(range(8), (1, 2, 4)) if not a & bit]
-    edges = tuple((corners[a], corners[b]) for a, b in sorted(pairs, key=lambda pair: pair[0] != 0))
+    edges = tuple(
+        (corners[a], corners[b]) for a, b in sorted(pairs, key=lambda pair: pair[0] != 0)
+    )
     far = BEYOND * max(volume.size_mm)
-    return edges, tuple(("XYZ"[axis], _moved(corners[1 << axis], axis, far)) for axis in range(3))
+    return edges, tuple(
+        ("XYZ"[axis], _moved(corners[1 << axis], axis, far)) for axis in range(3)
+    )
 
 
 def _corner(volume: Volume, bits: int) -> Point:
@@ -47,7 +54,9 @@ def _corner(volume: Volume, bits: int) -> Point:
 
 
 def _moved(point: Point, axis: int, far_mm: float) -> Point:
-    x, y, z = (value + (far_mm if index == axis else 0.0) for index, value in enumerate(point))
+    x, y, z = (
+        value + (far_mm if index == axis else 0.0) for index, value in enumerate(point)
+    )
     return x, y, z
 
 

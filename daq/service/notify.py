@@ -20,7 +20,9 @@ class Notifier:
         """
         wanted = os.environ.get("WATCHDOG_USEC", "")
         meant_for = os.environ.get("WATCHDOG_PID", str(os.getpid()))
-        return int(wanted) * 1e-6 if wanted.isdigit() and meant_for == str(os.getpid()) else None
+        return (
+            int(wanted) * 1e-6 if wanted.isdigit() and meant_for == str(os.getpid()) else None
+        )
 
     def ready(self) -> None:
         """Report that the daemon is ready."""

@@ -44,8 +44,12 @@ def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveSt
     """
     plan = survey.plan
     standing = book.last.setup if book.last is not None else ""
-    planned = own_minutes(survey, (stop for each in book.passes for stop in each.chosen().values()))
-    order = [name for name in dict.fromkeys((running, book.next_setup(), *plan.all_setups)) if name]
+    planned = own_minutes(
+        survey, (stop for each in book.passes for stop in each.chosen().values())
+    )
+    order = [
+        name for name in dict.fromkeys((running, book.next_setup(), *plan.all_setups)) if name
+    ]
     drives: list[DriveStatus] = []
     for name in order:
         stop_s, setting_up_s = _pace(planned, book, name)
@@ -73,7 +77,8 @@ def own_minutes(survey: Survey, stops: Iterable[CapturedStop]) -> Plan:
         if minutes < LONGEST_SETTING_UP * getattr(plan.pace, name):
             found.setdefault(name, []).append(minutes)
     return replace(
-        plan, pace=replace(plan.pace, **{name: median(minutes) for name, minutes in found.items()})
+        plan,
+        pace=replace(plan.pace, **{name: median(minutes) for name, minutes in found.items()}),
     )
 
 
@@ -93,7 +98,11 @@ def _drive(
         from_stop = following
     again = not now and not book.wrong_line and not begun.is_driven
     return DriveStatus(
-        setup=setup, pass_number=number, from_stop=from_stop, stops=stops - from_stop, again=again
+        setup=setup,
+        pass_number=number,
+        from_stop=from_stop,
+        stops=stops - from_stop,
+        again=again,
     )
 
 

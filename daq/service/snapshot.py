@@ -75,7 +75,8 @@ def snapshot(
         material_temperature_c=signals.material_temperature_c,
         tilt_mrad=_tilt(session),
         tilt_setup=session.book.driven.route.setup if session.book.driven is not None else "",
-        tilt_live=session.book.driven is not None and running == session.book.driven.route.setup,
+        tilt_live=session.book.driven is not None
+        and running == session.book.driven.route.setup,
         setups=setups,
         stops=session.recent.of(survey, session.book),
         findings=finding_list(session.book, session.findings, time.time()),
@@ -116,7 +117,12 @@ def expected_stop(session: Session) -> tuple[str, int, int, str]:
     """
     walk = session.capture.walk if session.capture is not None else None
     if walk is not None and not walk.ended:
-        return walk.route.setup, walk.expected, len(walk.route), walk.route.axis_to(walk.expected)
+        return (
+            walk.route.setup,
+            walk.expected,
+            len(walk.route),
+            walk.route.axis_to(walk.expected),
+        )
     setup = session.book.next_setup()
     if not setup:
         return "", 0, 0, ""
@@ -132,7 +138,11 @@ def setup_statuses(
     names = survey.plan.all_setups
     return tuple(
         _setup_status(
-            survey, book, name, [each for each in drives if each.setup == name], name == running
+            survey,
+            book,
+            name,
+            [each for each in drives if each.setup == name],
+            name == running,
         )
         for name in names
     )
@@ -178,7 +188,12 @@ def _counts_to(session: Session, lost: bool) -> int | None:
         (session.capture.walk if session.capture is not None else None),
         session.book.driven,
     )
-    if walk is None or driven is None or not walk.started or driven.route.setup != walk.route.setup:
+    if (
+        walk is None
+        or driven is None
+        or not walk.started
+        or driven.route.setup != walk.route.setup
+    ):
         return None
     chosen = driven.chosen()
     off = [stop for stop in driven.measured if stop not in chosen]
@@ -200,7 +215,10 @@ def _strip(session: Session) -> StripStatus | None:
             high[number - first] = round(most - session.shown_zero_mm, 6)
     keep = min(len(low), KEEP_BINS)
     return StripStatus(
-        first=last - keep + 1, bin_s=BIN_S, low_mm=tuple(low[-keep:]), high_mm=tuple(high[-keep:])
+        first=last - keep + 1,
+        bin_s=BIN_S,
+        low_mm=tuple(low[-keep:]),
+        high_mm=tuple(high[-keep:]),
     )
 
 

@@ -36,7 +36,9 @@ _log = structlog.get_logger("daemon")
 
 async def _nothing_to_correct(_name: str) -> None:
     raise UsageError(
-        message("where-correct"), expected=message("expects-changed-file"), found=message("none")
+        message("where-correct"),
+        expected=message("expects-changed-file"),
+        found=message("none"),
     )
 
 
@@ -111,7 +113,11 @@ class DaemonStatusSource:
             return "paused"
         if working.session.capture is not None:
             return "dwelling" if working.session.capture.at_stop else "waiting-stop"
-        return working.finisher.phase if working.shown is not working.session else "waiting-program"
+        return (
+            working.finisher.phase
+            if working.shown is not working.session
+            else "waiting-program"
+        )
 
     def waits_for(self) -> Words:
         """Return the event for which the daemon waits."""
@@ -124,7 +130,9 @@ class DaemonStatusSource:
         if phase == "dwelling":
             return message("waits-taking", setup=setup, stop=stop, last=count - 1)
         if phase == "waiting-stop" and axis:
-            return message("waits-move", setup=setup, stop=stop, last=count - 1, axis=axis.upper())
+            return message(
+                "waits-move", setup=setup, stop=stop, last=count - 1, axis=axis.upper()
+            )
         if phase == "waiting-stop":
             return message("waits-machine", setup=setup, stop=stop, last=count - 1)
         return _idle(self._at_work.session, setup)
@@ -230,7 +238,9 @@ class DaemonStatusSource:
         session = working.session
         if session.recording or not working.finisher.ahead.further:
             raise UsageError(
-                message("where-take"), expected=message("expects-further"), found=found_now(session)
+                message("where-take"),
+                expected=message("expects-further"),
+                found=found_now(session),
             )
         working.finisher.take(self.news)
 
@@ -312,7 +322,9 @@ def _name(session: Session, arguments: Mapping[str, str]) -> None:
 def _abort(session: Session) -> None:
     if not session.recording:
         raise UsageError(
-            message("where-abort"), expected=message("expects-recorded"), found=message("none")
+            message("where-abort"),
+            expected=message("expects-recorded"),
+            found=message("none"),
         )
     session.close(message("closed-aborted"))
 
@@ -334,7 +346,9 @@ def _idle(session: Session, setup: str) -> Message:
 def _message(working: Working) -> Words:
     """Return the alarms that a person must see at once."""
     return joined(
-        list(dict.fromkeys(each for each in (*working.alarms(), _of_service(working)) if each))
+        list(
+            dict.fromkeys(each for each in (*working.alarms(), _of_service(working)) if each)
+        )
     )
 
 
@@ -358,7 +372,9 @@ def _planned(session: Session, setup: str) -> str:
     planned = session.survey.plan.all_setups
     if setup not in planned:
         raise UsageError(
-            message("where-choose"), expected=message("one-of", names=planned), found=repr(setup)
+            message("where-choose"),
+            expected=message("one-of", names=planned),
+            found=repr(setup),
         )
     return setup
 
@@ -369,6 +385,8 @@ def _one_line(name: str, text: str) -> str:
     """
     if len(text) > LONGEST_NAME or not (text.isprintable() or not text):
         raise UsageError(
-            name, expected=message("expects-line", count=LONGEST_NAME), found=ascii(excerpt(text))
+            name,
+            expected=message("expects-line", count=LONGEST_NAME),
+            found=ascii(excerpt(text)),
         )
     return text

@@ -92,5 +92,7 @@ class Supervisor:
                 asleep_s=round(look.asleep_s, 1),
             )
             self._remark(
-                message("stood-still", seconds_s=look.apart_s - interval_s, asleep_s=look.asleep_s)
+                message(
+                    "stood-still", seconds_s=look.apart_s - interval_s, asleep_s=look.asleep_s
+                )
             )

@@ -39,7 +39,9 @@ def with_plan(text: str, plan: Plan, source: str, increments: int | None = None)
     if not any(block[0].strip() == PLAN for block in blocks):
         blocks.append([f"{PLAN}\n"])
     amended = "".join(
-        "".join(_amended(block, plan) if block[0].strip() == PLAN else _finer(block, increments))
+        "".join(
+            _amended(block, plan) if block[0].strip() == PLAN else _finer(block, increments)
+        )
         for block in blocks
     )
     survey = parse_survey(amended, source)
@@ -83,14 +85,22 @@ def without_further(new: Survey, old: Survey) -> Survey:
         new.plan, setups=old.plan.setups, beam_offset=old.plan.beam_offset
     )
     further = len(names) > len(before) and all(
-        run in new.planned.runs and setup_code(run.setup, names) == setup_code(run.setup, before)
+        run in new.planned.runs
+        and setup_code(run.setup, names) == setup_code(run.setup, before)
         for run in old.planned.runs
     )
     return msgspec.structs.replace(new, plan=plan) if further else new
 
 
 def as_proof(
-    text: str, source: str, *, name: str, plan: Plan, active: Sequence[str], day: date, proof: Proof
+    text: str,
+    source: str,
+    *,
+    name: str,
+    plan: Plan,
+    active: Sequence[str],
+    day: date,
+    proof: Proof,
 ) -> str:
     """Return the survey file of a proof run: named ``name``, with this ``plan`` and the files that
     were loaded on a ``day`` as ``active``.
@@ -118,10 +128,13 @@ def as_proof(
         if not any(block[0].strip() == header for block in blocks):
             blocks.append([f"{header}\n"])
         blocks = [
-            _stated(block, values) if block[0].strip() == header else block for block in blocks
+            _stated(block, values) if block[0].strip() == header else block
+            for block in blocks
         ]
     held = {
-        field: getattr(proof, field) for field in proof.__struct_fields__ if getattr(proof, field)
+        field: getattr(proof, field)
+        for field in proof.__struct_fields__
+        if getattr(proof, field)
     }
     blocks.append(_stated(["\n", "[proof]\n"], held))
     decided = msgspec.structs.replace(plan, propose_next=False)
@@ -164,7 +177,9 @@ def _finer(block: Sequence[str], increments: int | None) -> list[str]:
     """
     if increments is None or block[0].strip() != VOLUME:
         return list(block)
-    return [re.sub(r"^(\s*increments\s*=\s*)\d+", rf"\g<1>{increments}", line) for line in block]
+    return [
+        re.sub(r"^(\s*increments\s*=\s*)\d+", rf"\g<1>{increments}", line) for line in block
+    ]
 
 
 def _amended(block: Sequence[str], plan: Plan) -> list[str]:
@@ -182,12 +197,16 @@ def _amended(block: Sequence[str], plan: Plan) -> list[str]:
         else:
             made.append(line)
     below = next(index for index, line in enumerate(made) if line.strip() == PLAN) + 1
-    missing = [line for key, line in settings.items() if getattr(plan, key) != getattr(Plan(), key)]
+    missing = [
+        line for key, line in settings.items() if getattr(plan, key) != getattr(Plan(), key)
+    ]
     offsets = [
         f'{OFFSETS}\nsetup = "{one.setup}"\noffset_mm = {[float(each) for each in one.offset_mm]}\n'
         for one in plan.beam_offset
     ]
-    end = len(made) - next((index for index, line in enumerate(reversed(made)) if line.strip()), 0)
+    end = len(made) - next(
+        (index for index, line in enumerate(reversed(made)) if line.strip()), 0
+    )
     return [*made[:below], *missing, *made[below:end], *offsets, *made[end:]]
 
 

@@ -66,7 +66,12 @@ def _index(section: Uncertainty, environment: Environment) -> float:
         humidity_percent=section.u_relative_humidity_percent,
     )
     if not any(
-        (sensors.temperature_c, sensors.pressure_hpa, sensors.humidity_percent, section.u_laser_ppm)
+        (
+            sensors.temperature_c,
+            sensors.pressure_hpa,
+            sensors.humidity_percent,
+            section.u_laser_ppm,
+        )
     ):
         return 1e-6 * section.index_ppm
     air = Air(
@@ -99,4 +104,6 @@ def _sizes(section: Uncertainty) -> dict[str, Any]:
     """
     stated = msgspec.structs.asdict(section)
     usual = usual_sizes(section.machine_class, section.feedback)
-    return {name: size if stated[name] is None else stated[name] for name, size in usual.items()}
+    return {
+        name: size if stated[name] is None else stated[name] for name, size in usual.items()
+    }

@@ -37,14 +37,21 @@ def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
         profiles += [survey.proof.profile] if survey.proof.profile else []
         names += [survey.proof.result, survey.proof.readings]
     names += profiles
-    names += [survey.head.calibration if survey.head is not None else "", *survey.machine.active]
+    names += [
+        survey.head.calibration if survey.head is not None else "",
+        *survey.machine.active,
+    ]
     bundle = {
-        name: _read_bounded(here / name, survey_file.name) for name in dict.fromkeys(names) if name
+        name: _read_bounded(here / name, survey_file.name)
+        for name in dict.fromkeys(names)
+        if name
     }
     _refuse_too_much(bundle, survey_file.name)
     for profile in profiles:
         for table in _tables_of(bundle[profile]):
-            bundle[f"{profile}//{table}"] = _read_bounded((here / profile).parent / table, profile)
+            bundle[f"{profile}//{table}"] = _read_bounded(
+                (here / profile).parent / table, profile
+            )
             _refuse_too_much(bundle, survey_file.name)
     return bundle
 
@@ -53,7 +60,9 @@ def tables_for(bundle: Mapping[str, bytes], profile: str) -> dict[str, bytes]:
     """Return the table files of a profile by the names that the profile uses."""
     prefix = f"{profile}//"
     return {
-        name.removeprefix(prefix): data for name, data in bundle.items() if name.startswith(prefix)
+        name.removeprefix(prefix): data
+        for name, data in bundle.items()
+        if name.startswith(prefix)
     }
 
 
@@ -65,7 +74,10 @@ def compensation_of(survey: Survey, bundle: Mapping[str, bytes]) -> Statement:
     """
     machine = survey.machine
     return stated(
-        machine.compensation, active_in(survey, bundle), machine.active_date, machine.active_source
+        machine.compensation,
+        active_in(survey, bundle),
+        machine.active_date,
+        machine.active_source,
     )
 
 
@@ -75,7 +87,9 @@ def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
     """
     missing = [name for name in survey.machine.active if name not in bundle]
     if missing:
-        raise DataError(missing[0], expected=message("named-in-log"), found=message("nothing"))
+        raise DataError(
+            missing[0], expected=message("named-in-log"), found=message("nothing")
+        )
     return {name: bundle[name] for name in survey.machine.active}
 
 
@@ -92,7 +106,8 @@ def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
 def bundle_to_run(bundle: Mapping[str, bytes]) -> dict[str, str]:
     """Return the bundle as entries of a log's metadata."""
     return {
-        f"{PREFIX}{name}": base64.b64encode(data).decode("ascii") for name, data in bundle.items()
+        f"{PREFIX}{name}": base64.b64encode(data).decode("ascii")
+        for name, data in bundle.items()
     }
 
 
@@ -123,11 +138,15 @@ def _tables_of(profile: bytes) -> list[str]:
     its line.
     """
     try:
-        machine = read_toml(as_text(profile, "profile", UsageError), "profile").get("machine", {})
+        machine = read_toml(as_text(profile, "profile", UsageError), "profile").get(
+            "machine", {}
+        )
     except UsageError:
         return []
     named = machine.get("existing", []) if isinstance(machine, dict) else []
-    return [name for name in named if isinstance(name, str)] if isinstance(named, list) else []
+    return (
+        [name for name in named if isinstance(name, str)] if isinstance(named, list) else []
+    )
 
 
 def _refuse_too_much(bundle: Mapping[str, bytes], source: str) -> None:

@@ -21,5 +21,7 @@ def parse_environment(text: str, source: str) -> dict[str, float]:
     stated = convert(table, Environment, source, "environment")
     named = [name for name in NAMES if name in table]
     if not named:
-        raise refuse(source, "environment", message("at-least-one", names=list(NAMES)), list(table))
+        raise refuse(
+            source, "environment", message("at-least-one", names=list(NAMES)), list(table)
+        )
     return {name: float(getattr(stated, name)) for name in named}

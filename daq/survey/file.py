@@ -20,7 +20,14 @@ from stepdiag.daq.survey.head_file import parse_head_file, require_owner
 from stepdiag.daq.survey.models import StopRules, Survey
 from stepdiag.daq.survey.rules import check
 
-__all__ = ["StopRules", "Survey", "head_decoder", "laser_decoder", "load_survey", "parse_survey"]
+__all__ = [
+    "StopRules",
+    "Survey",
+    "head_decoder",
+    "laser_decoder",
+    "load_survey",
+    "parse_survey",
+]
 
 
 def load_survey(path: Path) -> Survey:
@@ -78,7 +85,8 @@ def read_text(path: Path) -> str:
 
 def _named_files(survey: Survey) -> list[tuple[str, str]]:
     named = [
-        (f"export[{index}].profile", export.profile) for index, export in enumerate(survey.exports)
+        (f"export[{index}].profile", export.profile)
+        for index, export in enumerate(survey.exports)
     ]
     named.append(("solver.angles", survey.solver.angles))
     if survey.proof is not None:

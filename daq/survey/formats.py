@@ -5,7 +5,12 @@ from typing import Any
 import msgspec
 
 from stepdiag.daq.formats.instruments.air import PTU300, AirSettings, quantities_in
-from stepdiag.daq.formats.instruments.angles import ELCOMAT, ELCOMAT_GREETING, WYLER, AnglesSettings
+from stepdiag.daq.formats.instruments.angles import (
+    ELCOMAT,
+    ELCOMAT_GREETING,
+    WYLER,
+    AnglesSettings,
+)
 from stepdiag.daq.formats.instruments.fourdof import FourdofSettings
 from stepdiag.daq.formats.instruments.framed import FramesSettings
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Settings
@@ -18,7 +23,14 @@ from stepdiag.daq.formats.instruments.umd.decoder import UmdSettings
 from stepdiag.daq.formats.registry import FormatSettings, make_decoder
 from stepdiag.daq.records.events import Stream
 from stepdiag.daq.survey.environment import AIR, NAMES
-from stepdiag.daq.survey.models import AirSensor, FramesSection, Head, Laser, LineSection, Survey
+from stepdiag.daq.survey.models import (
+    AirSensor,
+    FramesSection,
+    Head,
+    Laser,
+    LineSection,
+    Survey,
+)
 from stepdiag.daq.timing.samples import CountingDecoder, Decoder
 
 LASER_TELLS = {"ids3010": AIR, "lasertex": NAMES}
@@ -30,7 +42,8 @@ sensors.
 def laser_decoder(survey: Survey) -> Decoder:
     """Return a fresh decoder of the laser's stream."""
     return make_decoder(
-        survey.laser.format, laser_settings(survey.laser, air=survey.environment.source == "laser")
+        survey.laser.format,
+        laser_settings(survey.laser, air=survey.environment.source == "laser"),
     )
 
 

@@ -179,7 +179,9 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         table: AxisTable | None = getattr(getattr(self, detector), axis)
         return table
 
-    def with_axis(self, detector: DetectorName, axis: AxisName, table: AxisTable) -> "HeadFile":
+    def with_axis(
+        self, detector: DetectorName, axis: AxisName, table: AxisTable
+    ) -> "HeadFile":
         """Return the file with an axis of a detector replaced."""
         changed = msgspec.structs.replace(self.detector(detector), **{axis: table})
         return msgspec.structs.replace(self, **{detector: changed})
@@ -189,7 +191,9 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         commissioning are removed.
         """
         measured = {**self.measured, **{name: Measured(by=by, on=on) for name in names}}
-        return msgspec.structs.replace(self, measured=measured, uncertainty=UncertaintyTable())
+        return msgspec.structs.replace(
+            self, measured=measured, uncertainty=UncertaintyTable()
+        )
 
     def absent(self, names: Sequence[str] = CALIBRATED) -> list[str]:
         """Return the fields not measured yet; for a file of version 1 only the curves."""
@@ -324,7 +328,11 @@ def _section_lines(name: str, table: msgspec.Struct | None) -> list[str]:
         for key, value in fields.items()
         if value is not None and not isinstance(value, msgspec.Struct)
     }
-    return [f"[{name}]", *(f"{key} = {_toml_value(value)}" for key, value in plain.items()), ""]
+    return [
+        f"[{name}]",
+        *(f"{key} = {_toml_value(value)}" for key, value in plain.items()),
+        "",
+    ]
 
 
 def _toml_value(value: object) -> str:

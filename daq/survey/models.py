@@ -61,10 +61,13 @@ FileName = Annotated[
 HostName = Annotated[
     str,
     Meta(
-        pattern=r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?\Z", description="name-of-computer"
+        pattern=r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?\Z",
+        description="name-of-computer",
     ),
 ]
-BesideFile = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="name-of-file")]
+BesideFile = Annotated[
+    str, Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="name-of-file")
+]
 
 
 class Identity(msgspec.Struct, frozen=True, kw_only=True):
@@ -129,7 +132,9 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
         """
         bases = dict.fromkeys((*self.setups, *(offset.setup for offset in self.beam_offset)))
         named = [*self.setups, *self.offsets_mm]
-        return tuple(name for base in bases for name in named if name.partition("+")[0] == base)
+        return tuple(
+            name for base in bases for name in named if name.partition("+")[0] == base
+        )
 
     @property
     def passes_per_setup(self) -> int:
@@ -379,15 +384,22 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         character that is not understood.
         """
         kinds: dict[str, Kind] = {
-            each: "bit" if spec.type == "bit" else "word" for each, spec in self.inputs.items()
+            each: "bit" if spec.type == "bit" else "word"
+            for each, spec in self.inputs.items()
         }
-        return parse_expression(self.expressions[name], kinds, f"{source}: plc.expressions.{name}")
+        return parse_expression(
+            self.expressions[name], kinds, f"{source}: plc.expressions.{name}"
+        )
 
     def place(self, name: str) -> str:
         """Return the source of a signal in its written form: ``holding 2 bit 0``, or its
         expression.
         """
-        return self.expressions[name] if name in self.expressions else describe(self.signals[name])
+        return (
+            self.expressions[name]
+            if name in self.expressions
+            else describe(self.signals[name])
+        )
 
     @property
     def standing(self) -> frozenset[str]:
@@ -580,7 +592,9 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
     def volume(self) -> Volume:
         """Return the volume in the solver's form."""
         return Volume(
-            origin_mm=self.box.origin_mm, size_mm=self.box.size_mm, increments=self.box.increments
+            origin_mm=self.box.origin_mm,
+            size_mm=self.box.size_mm,
+            increments=self.box.increments,
         )
 
     @property
@@ -607,7 +621,9 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
                 for name in plan.all_setups
             ),
             axis_order=self.axis_order,
-            pace=runs.Pace(**{each.name: getattr(plan, each.name) for each in fields(runs.Pace)}),
+            pace=runs.Pace(
+                **{each.name: getattr(plan, each.name) for each in fields(runs.Pace)}
+            ),
         )
 
     @property

@@ -50,7 +50,18 @@ _BITS_PER_CHARACTER = 11
 
 def check(survey: Survey, source: str) -> None:
     """Raise UsageError for the first contradiction in the file, in the order of its sections."""
-    for rule in (_named_well, _volume, _plan, _machine, _laser, _head, _air, _plc, _dwell, _page):
+    for rule in (
+        _named_well,
+        _volume,
+        _plan,
+        _machine,
+        _laser,
+        _head,
+        _air,
+        _plc,
+        _dwell,
+        _page,
+    ):
         for refusal in rule(survey, source):
             raise refusal
 
@@ -76,7 +87,11 @@ def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
             yield unknown_key(source, field, setup, list(DRIVEN_SETUPS))
         if setup in setups[:index]:
             yield refuse(
-                source, field, message("every-setup-once"), setup, message("use-plan-repeats-drive")
+                source,
+                field,
+                message("every-setup-once"),
+                setup,
+                message("use-plan-repeats-drive"),
             )
         if setup in FOURDOF_RUNS and survey.head is None:
             yield refuse(source, field, message("head-section-needed"), setup)
@@ -115,10 +130,14 @@ def _shifted_lines(survey: Survey, source: str) -> Iterator[UsageError]:
                 source, f"plan.beam_offset[{index}].setup", offset.setup, list(SETUP_NAMES)
             )
         signs, size = setup_of(offset.setup).signs, survey.box.size_mm
-        for axis, sign, shift_mm, edge_mm in zip(AXES, signs, offset.offset_mm, size, strict=True):
+        for axis, sign, shift_mm, edge_mm in zip(
+            AXES, signs, offset.offset_mm, size, strict=True
+        ):
             if not sign and not 0.0 <= shift_mm <= edge_mm:
                 field = f"plan.beam_offset[{index}].offset_mm: {axis}"
-                yield refuse(source, field, message("mm-to", low=0.0, high_mm=edge_mm), shift_mm)
+                yield refuse(
+                    source, field, message("mm-to", low=0.0, high_mm=edge_mm), shift_mm
+                )
 
 
 def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
@@ -130,10 +149,16 @@ def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
     if not turns or len(turns) > 2 or len(set(letters)) != len(letters):
         remedy = message("such-c-b-first")
         yield refuse(
-            source, field, message("rotation-each-reading-tells", setup=setup), list(turns), remedy
+            source,
+            field,
+            message("rotation-each-reading-tells", setup=setup),
+            list(turns),
+            remedy,
         )
     if head.format == "elcomat" and own in letters:
-        yield refuse(source, field, message("no-autocollimator-does-not", own=own), list(turns))
+        yield refuse(
+            source, field, message("no-autocollimator-does-not", own=own), list(turns)
+        )
 
 
 def _named_well(survey: Survey, source: str) -> Iterator[UsageError]:
@@ -167,7 +192,9 @@ def _machine(survey: Survey, source: str) -> Iterator[UsageError]:
     if machine.compensation == "on":
         remedy = message("back-active-tables-up")
         if not machine.active:
-            yield refuse(source, "machine.active", message("files-are-active-for"), [], remedy)
+            yield refuse(
+                source, "machine.active", message("files-are-active-for"), [], remedy
+            )
         if machine.active_date is None:
             yield refuse(source, "machine.active_date", message("day-on-which-active"), None)
         if not machine.active_source.strip():
@@ -179,7 +206,10 @@ def _machine(survey: Survey, source: str) -> Iterator[UsageError]:
             )
     elif machine.compensation == "off" and machine.active:
         yield refuse(
-            source, "machine.active", message("no-file-for-compensation"), list(machine.active)
+            source,
+            "machine.active",
+            message("no-file-for-compensation"),
+            list(machine.active),
         )
 
 
@@ -217,7 +247,9 @@ def _settings(survey: Survey, source: str) -> Iterator[UsageError]:
 
 def _in_the_name_of(source: str, refusal: UsageError) -> UsageError:
     where = str(refusal.where).replace("survey:", f"{source}:", 1)
-    return UsageError(where, expected=refusal.expected, found=refusal.found, remedy=refusal.remedy)
+    return UsageError(
+        where, expected=refusal.expected, found=refusal.found, remedy=refusal.remedy
+    )
 
 
 def _line_pattern(line: LineSection, source: str) -> Iterator[UsageError]:
@@ -227,7 +259,9 @@ def _line_pattern(line: LineSection, source: str) -> Iterator[UsageError]:
         yield refusal
         return
     if "position" not in groups:
-        yield refuse(source, "laser.line.pattern", message("named-group-p-position"), line.pattern)
+        yield refuse(
+            source, "laser.line.pattern", message("named-group-p-position"), line.pattern
+        )
     for group in groups:
         if group not in _LINE_GROUPS:
             yield unknown_key(source, "laser.line.pattern", group, list(_LINE_GROUPS))
@@ -257,7 +291,9 @@ def _head(survey: Survey, source: str) -> Iterator[UsageError]:
         strict=False,
     ):
         if run.beam[1] != axis:
-            yield refuse(source, f"head.{axis}.beam", message("either-sign", axis=axis), run.beam)
+            yield refuse(
+                source, f"head.{axis}.beam", message("either-sign", axis=axis), run.beam
+            )
         if {run.beam[1], run.detector_x[1], run.detector_y[1]} != set(AXES):
             found = [run.beam, run.detector_x, run.detector_y]
             yield refuse(source, f"head.{axis}", message("beam-detector-x-detector"), found)
@@ -267,7 +303,9 @@ def _air(survey: Survey, source: str) -> Iterator[UsageError]:
     sensor, source_of_air = survey.air_sensor, survey.environment.source
     if source_of_air == "sensor" and sensor is None:
         remedy = message("add-environment-sensor-with")
-        yield refuse(source, "environment.sensor", message("table-for-source-sensor"), None, remedy)
+        yield refuse(
+            source, "environment.sensor", message("table-for-source-sensor"), None, remedy
+        )
     if survey.environment.sensor is not None and source_of_air not in ("sensor", "fixed"):
         remedy = message("nobody-would-listen-sensor")
         yield refuse(
@@ -302,7 +340,10 @@ def _air(survey: Survey, source: str) -> Iterator[UsageError]:
         yield refuse(source, "environment.sensor", message("units-c-hpa-for"), found, remedy)
     if sensor.format == "line" and not sensor.pattern:
         yield refuse(
-            source, "environment.sensor.pattern", message("pattern-line-for-format"), sensor.pattern
+            source,
+            "environment.sensor.pattern",
+            message("pattern-line-for-format"),
+            sensor.pattern,
         )
         return
     try:
@@ -329,7 +370,11 @@ def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
         return
     if plc.transport in _MAPS and not plc.signals:
         yield refuse(
-            source, "plc.signals", _MAPS[plc.transport], [], message("stepdiag-setup-writes-them")
+            source,
+            "plc.signals",
+            _MAPS[plc.transport],
+            [],
+            message("stepdiag-setup-writes-them"),
         )
         return
     yield from _asked(plc, source)
@@ -365,7 +410,9 @@ def _asked(plc: Plc, source: str) -> Iterator[UsageError]:
             message("such-dev-ttyusb1"),
         )
     if plc.poll_hz > _MAX_POLL_HZ:
-        yield refuse(source, "plc.poll_hz", message("at-most", value=_MAX_POLL_HZ), plc.poll_hz)
+        yield refuse(
+            source, "plc.poll_hz", message("at-most", value=_MAX_POLL_HZ), plc.poll_hz
+        )
 
 
 def _places(plc: Plc, source: str) -> Iterator[UsageError]:
@@ -387,7 +434,9 @@ def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
         if entries:
             yield refuse(source, f"plc.{field}", none, list(entries))
     if plc.handshake.enabled:
-        yield refuse(source, "plc.handshake.enabled", message("false-or-none", none=none), True)
+        yield refuse(
+            source, "plc.handshake.enabled", message("false-or-none", none=none), True
+        )
     if survey.environment.source == "plc":
         remedy = message("laser-where-its-own")
         yield refuse(
@@ -419,7 +468,10 @@ def _expressions(plc: Plc, source: str) -> Iterator[UsageError]:
             yield unknown_key(source, field, name, [*SWITCHED, *COUNTED])
         if name in plc.own_signals:
             yield refuse(
-                source, field, message("either-expression-plc-signals", name=name), message("both")
+                source,
+                field,
+                message("either-expression-plc-signals", name=name),
+                message("both"),
             )
         try:
             found = plc.expression(name, source)
@@ -455,10 +507,15 @@ def _signal(name: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
 def _signal_place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
     """Check the place and the type of a signal or an input."""
     if spec.in_bit_table and spec.type != "bit":
-        yield refuse(source, f"{field}.type", message("bit-table", table=spec.table), spec.type)
+        yield refuse(
+            source, f"{field}.type", message("bit-table", table=spec.table), spec.type
+        )
     if spec.in_bit_table and spec.bit:
         yield refuse(
-            source, f"{field}.bit", message("0-table-where-address", table=spec.table), spec.bit
+            source,
+            f"{field}.bit",
+            message("0-table-where-address", table=spec.table),
+            spec.bit,
         )
     if spec.scale == 0:
         yield refuse(source, f"{field}.scale", message("number-not-zero"), spec.scale)
@@ -518,7 +575,10 @@ def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
             )
             if registers([one]) & registers([two]) and not different_bits:
                 place = message(
-                    "value-beside-other", value=describe(one), other=other, value_2=describe(two)
+                    "value-beside-other",
+                    value=describe(one),
+                    other=other,
+                    value_2=describe(two),
                 )
                 yield UsageError(
                     f"{source}: plc.signals.{name}.address",
@@ -531,7 +591,9 @@ def _handshake(plc: Plc, source: str) -> Iterator[UsageError]:
     if not plc.handshake.enabled:
         return
     if plc.transport == "lsv2":
-        yield refuse(source, "plc.handshake.enabled", message("false-nothing-written-over"), True)
+        yield refuse(
+            source, "plc.handshake.enabled", message("false-nothing-written-over"), True
+        )
     wanted = "holding" if plc.transport != "s7" else plc.handshake.table
     if plc.handshake.table != wanted or not _TABLES[plc.transport][0].match(wanted):
         yield refuse(
@@ -541,7 +603,9 @@ def _handshake(plc: Plc, source: str) -> Iterator[UsageError]:
             plc.handshake.table,
         )
     if "stop_count" not in plc.signal_names:
-        yield refuse(source, "plc.handshake.enabled", message("signal-stop-count-which"), True)
+        yield refuse(
+            source, "plc.handshake.enabled", message("signal-stop-count-which"), True
+        )
     for name, spec in plc.signals.items():
         written = {
             (plc.handshake.table, plc.handshake.address + at)
@@ -556,13 +620,17 @@ def _handshake(plc: Plc, source: str) -> Iterator[UsageError]:
             )
 
 
-def rtu_poll_s(signals: SignalMap, baud: int, standing: Collection[str] = ("stopped",)) -> float:
+def rtu_poll_s(
+    signals: SignalMap, baud: int, standing: Collection[str] = ("stopped",)
+) -> float:
     """Return the time of one poll on the wire in seconds, without the device's own time
     (instruments.md 4.2).
 
     A request is 8 characters, an answer 5 and its data; 3.5 characters of silence before each.
     """
-    characters = sum(8 + 5 + asked.byte_count + 2 * 3.5 for asked in plan_reads(signals, standing))
+    characters = sum(
+        8 + 5 + asked.byte_count + 2 * 3.5 for asked in plan_reads(signals, standing)
+    )
     return characters * _BITS_PER_CHARACTER / baud
 
 
@@ -609,10 +677,19 @@ def _dwell(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _page(survey: Survey, source: str) -> Iterator[UsageError]:
-    ports = (survey.page.enabled, survey.metrics.enabled, survey.page.port == survey.metrics.port)
+    ports = (
+        survey.page.enabled,
+        survey.metrics.enabled,
+        survey.page.port == survey.metrics.port,
+    )
     if all(ports):
-        yield refuse(source, "metrics.port", message("another-port-than-page"), survey.metrics.port)
+        yield refuse(
+            source, "metrics.port", message("another-port-than-page"), survey.metrics.port
+        )
     if bool(survey.page.certificate) != bool(survey.page.key):
         yield refuse(
-            source, "page.certificate", message("certificate-key-neither"), survey.page.certificate
+            source,
+            "page.certificate",
+            message("certificate-key-neither"),
+            survey.page.certificate,
         )

@@ -46,7 +46,9 @@ class Line:
         return times
 
 
-def lower_line(counters: NDArray[np.float64], arrivals: NDArray[np.float64]) -> tuple[float, float]:
+def lower_line(
+    counters: NDArray[np.float64], arrivals: NDArray[np.float64]
+) -> tuple[float, float]:
     """Return (offset, slope) of the line below all points that has the least mean distance to them.
 
     The line is the edge of the lower convex hull below the mean counter. Needs two points, counters

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from stepdiag.base.messages import Words
 
 NoticeCode = Literal[
-    "banner", "debug", "garbage", "gap", "rate", "restart", "device", "environment", "duplicate"
+    "banner",
+    "debug",
+    "garbage",
+    "gap",
+    "rate",
+    "restart",
+    "device",
+    "environment",
+    "duplicate",
 ]
 
 

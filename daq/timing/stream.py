@@ -36,7 +36,9 @@ LOSS_AT_START = Flag.BEAM_LOST | Flag.SLEW
 """Before the first good sample a decoder may not have recognised its instrument yet; then only
 these remarks mean a loss.
 """
-UNUSABLE = CONTINUITY | Flag.DEVICE_ERROR | Flag.PHASE_ERROR | Flag.SATURATED | Flag.OUT_OF_RANGE
+UNUSABLE = (
+    CONTINUITY | Flag.DEVICE_ERROR | Flag.PHASE_ERROR | Flag.SATURATED | Flag.OUT_OF_RANGE
+)
 
 
 LEAST_STEP_MM = 1e-9
@@ -202,7 +204,9 @@ class StreamBuffer:
         if not self._batches:
             return -np.inf
         batch, clock = self._batches[-1]
-        newest = batch.arrival_ns[-1] if self._polled else clock.times_ns(batch.counter[-1:])[0]
+        newest = (
+            batch.arrival_ns[-1] if self._polled else clock.times_ns(batch.counter[-1:])[0]
+        )
         return float(newest)
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
@@ -212,7 +216,9 @@ class StreamBuffer:
         chosen = self._around(from_ns, to_ns)
         if not chosen:
             empty = np.zeros(0)
-            return Span(time_ns=empty, position_mm=empty, beam=empty, channels=None, unusable=0)
+            return Span(
+                time_ns=empty, position_mm=empty, beam=empty, channels=None, unusable=0
+            )
         times = self._times(chosen)
         arrivals = np.concatenate([batch.arrival_ns for batch, _ in chosen])
         inside = (
@@ -293,7 +299,9 @@ class StreamBuffer:
 
     def _take(self, batch: Samples, arrival_ns: int) -> None:
         for notice in batch.notices:
-            self._notices.setdefault(notice.why if notice.code == "device" else notice.code, notice)
+            self._notices.setdefault(
+                notice.why if notice.code == "device" else notice.code, notice
+            )
             self._heed(notice, arrival_ns)
         if len(batch):
             self._remember(batch, arrival_ns)
@@ -303,7 +311,9 @@ class StreamBuffer:
         clock, because a standstill has a batch for every chunk.
         """
         if self._polled:
-            return np.concatenate([batch.arrival_ns for batch, _ in batches]).astype(np.float64)
+            return np.concatenate([batch.arrival_ns for batch, _ in batches]).astype(
+                np.float64
+            )
         return np.concatenate(
             [
                 clock.times_ns(np.concatenate([batch.counter for batch, _ in of_clock]))
@@ -315,7 +325,9 @@ class StreamBuffer:
         if notice.code == "rate" and notice.value != self._rate_hz:
             self._clock = self._new_clock(notice.value)
         elif notice.code == "restart":
-            self._breaks.append(Break(arrival_ns, message("instrument-restarted", why=notice.why)))
+            self._breaks.append(
+                Break(arrival_ns, message("instrument-restarted", why=notice.why))
+            )
             self._clock = self._new_clock(self._decoder.nominal_rate_hz)
         elif notice.code == "garbage":
             self._garbage += 1
@@ -332,7 +344,10 @@ class StreamBuffer:
 
     def _remember(self, batch: Samples, arrival_ns: int) -> None:
         self._watch_for_holes(batch)
-        for end in (*np.flatnonzero(batch.arrival_ns[1:] != batch.arrival_ns[:-1]).tolist(), -1):
+        for end in (
+            *np.flatnonzero(batch.arrival_ns[1:] != batch.arrival_ns[:-1]).tolist(),
+            -1,
+        ):
             self._clock.add(int(batch.counter[end]), int(batch.arrival_ns[end]))
         self._batches.append((batch, self._clock))
         self._last = batch
@@ -357,7 +372,9 @@ class StreamBuffer:
             batch, clock = self._batches[0]
             excess = self._kept - MEMORY_SAMPLES
             if excess > 0:
-                before_ns = max(before_ns, int(batch.arrival_ns[min(excess, len(batch)) - 1]) + 1)
+                before_ns = max(
+                    before_ns, int(batch.arrival_ns[min(excess, len(batch)) - 1]) + 1
+                )
             if batch.arrival_ns[0] >= before_ns:
                 return
             self._batches.popleft()
@@ -384,7 +401,9 @@ class StreamBuffer:
             apart_ns = np.diff(batch.arrival_ns, prepend=before[1]).astype(np.float64)
             first = np.flatnonzero(apart_ns)
             missed_ns = np.zeros(len(batch))
-            missed_ns[first] = apart_ns[first] - period_ns * np.diff(np.append(first, len(batch)))
+            missed_ns[first] = apart_ns[first] - period_ns * np.diff(
+                np.append(first, len(batch))
+            )
         holes = np.flatnonzero(missed_ns > max(UNWATCHED_NS, UNWATCHED_PERIODS * period_ns))
         for at in holes.tolist():
             unseen = message("no-sample-for", seconds_s=missed_ns[at] * 1e-9)

@@ -47,7 +47,9 @@ class BeckhoffOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, k
     axis_numbers: dict[str, int]
     chain: str | None = None
     turned: bool | None = None
-    negate: Annotated[str, msgspec.Meta(pattern=r"^[XYZ]{0,3}\Z", description="axes-such-as")] = ""
+    negate: Annotated[
+        str, msgspec.Meta(pattern=r"^[XYZ]{0,3}\Z", description="axes-such-as")
+    ] = ""
     cross_sense: Sense | None = None
     master_word: Literal["slave_ax_nr", "master_ax_nr"] = "slave_ax_nr"
     decimals: Annotated[int, msgspec.Meta(ge=4, le=7)] = 5
@@ -126,9 +128,18 @@ class Beckhoff:
         found = columns_of(curves, products, levers, profile)
         tables = [*_volumetric(found.curves, profile, options)]
         for angle in found.angles:
-            laws, quantum_urad = _volcomp_laws(profile, options), 1e6 * 10.0**-csv.RAD_DECIMALS
+            laws, quantum_urad = (
+                _volcomp_laws(profile, options),
+                1e6 * 10.0**-csv.RAD_DECIMALS,
+            )
             tables += angle_tables(
-                angle, levers, profile, kind=ANGLE, laws=laws, quantum_urad=quantum_urad, place={}
+                angle,
+                levers,
+                profile,
+                kind=ANGLE,
+                laws=laws,
+                quantum_urad=quantum_urad,
+                place={},
             )
         return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile, options)))
 
@@ -157,7 +168,9 @@ class Beckhoff:
                 name=_CSV_NAME,
                 data=csv.render(tables, options.decimals, notes, _squareness(options)),
             ),
-            ControlFile(name="volcomp_lines.txt", data=ascii_lines(configuration), role="note"),
+            ControlFile(
+                name="volcomp_lines.txt", data=ascii_lines(configuration), role="note"
+            ),
         )
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
@@ -226,9 +239,9 @@ class Beckhoff:
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file is an axis list with compensation, or has a heading of component
         errors."""
-        return any(word in file.data for word in (b"kw.ssfk.", b"kw.crosscomp.")) or csv.recognises(
-            file
-        )
+        return any(
+            word in file.data for word in (b"kw.ssfk.", b"kw.crosscomp.")
+        ) or csv.recognises(file)
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
         """Return one row a point."""
@@ -358,7 +371,9 @@ def _volumetric(
         )
 
 
-def _lists(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) -> Iterator[Table]:
+def _lists(
+    curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
+) -> Iterator[Table]:
     masters: dict[str, str] = {}
     for curve in curves:
         place: dict[str, int | str] = {
@@ -381,7 +396,10 @@ def _lists(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) 
                 code="control-full.cross-table",
                 expected=message("cross-one", axis=curve.output_axis),
                 found=message(
-                    "table-and-other", output_axis=curve.output_axis, other=other, name=curve.name
+                    "table-and-other",
+                    output_axis=curve.output_axis,
+                    other=other,
+                    name=curve.name,
                 ),
                 remedy=message("leave-one"),
             )
@@ -413,7 +431,9 @@ def _remarks(
     curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
 ) -> Iterator[Finding]:
     bilateral = POSITIONING if options.way == "lists" else ()
-    yield from averaged_remarks([curve for curve in curves if curve.name not in bilateral], profile)
+    yield from averaged_remarks(
+        [curve for curve in curves if curve.name not in bilateral], profile
+    )
     if options.way == "volumetric":
         if options.chain is not None:
             yield info("sign-untested.chain")

@@ -53,7 +53,10 @@ class Reading:
 
 
 def render(
-    tables: Sequence[Table], decimals: int, notes: Sequence[str], squareness: Sequence[str] = ()
+    tables: Sequence[Table],
+    decimals: int,
+    notes: Sequence[str],
+    squareness: Sequence[str] = (),
 ) -> bytes:
     """Return the file: a block per input axis, components in mm and angles in rad beside each
     other.
@@ -62,7 +65,9 @@ def render(
     ones stay in their straightness.
     """
     curves = {table.name: table for table in tables if table.multiplier is None}
-    angles = {str(table.place[COLUMN]): table for table in tables if table.multiplier is not None}
+    angles = {
+        str(table.place[COLUMN]): table for table in tables if table.multiplier is not None
+    }
     slopes_rad = {
         name: _slope_rad(curves[SHIFTS[name]], name)
         for name in squareness
@@ -111,7 +116,9 @@ def _slope_rad(table: Table, name: str) -> float:
     """Return the squareness in the end-point line of a table, in the table's own sense, with the
     written number of places.
     """
-    rise = (table.value_um[-1] - table.value_um[0]) / (table.position_mm[-1] - table.position_mm[0])
+    rise = (table.value_um[-1] - table.value_um[0]) / (
+        table.position_mm[-1] - table.position_mm[0]
+    )
     return round(float(rise) * 1e-3 / SQUARENESS_SLOPE[name][SHIFTS[name]], RAD_DECIMALS)
 
 
@@ -170,7 +177,9 @@ def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
         values = np.array([_numbers(cells, len(head), at) for at, cells in rows])
         if len(rows) < 2 or np.any(np.diff(values[:, 0]) <= 0):
             raise DataError(
-                where, expected=message("rows-rising"), found=message("count-rows", count=len(rows))
+                where,
+                expected=message("rows-rising"),
+                found=message("count-rows", count=len(rows)),
             )
         tables += _columns(file, block, values, profile, how)
     return _with_squareness(tables, squareness, file, profile, how)
@@ -237,13 +246,17 @@ def _columns(
     (where, head), rows = block[0], block[1:]
     for column, name in enumerate(head[1:], start=1):
         if name[2] != head[0]:
-            raise DataError(where, expected=message("components-of-axis", axis=head[0]), found=name)
+            raise DataError(
+                where, expected=message("components-of-axis", axis=head[0]), found=name
+            )
         places = max(len(cells[column].partition(".")[2]) for _, cells in rows)
         if _ANGLE.match(name):
             yield from _angle(
                 file,
                 where,
-                Angle(name=name, position_mm=values[:, 0], value_urad=values[:, column] * 1e6),
+                Angle(
+                    name=name, position_mm=values[:, 0], value_urad=values[:, column] * 1e6
+                ),
                 profile,
                 how,
                 places,
@@ -277,7 +290,9 @@ def _angle(
                 remedy=message("state-chain", name=angle.name, file=file.name),
             )
         return
-    as_error = replace(angle, value_urad=angle.value_urad * -next(iter(how.laws.values())).factor)
+    as_error = replace(
+        angle, value_urad=angle.value_urad * -next(iter(how.laws.values())).factor
+    )
     yield from angle_tables(
         as_error,
         how.levers,

@@ -125,9 +125,13 @@ def export(
     except SafetyError as error:
         if error.code != "template-missing":
             raise
-        write_set(out_dir, [ControlFile(name=REPORT, data=_refused(text, error), role="note")])
+        write_set(
+            out_dir, [ControlFile(name=REPORT, data=_refused(text, error), role="note")]
+        )
         raise
-    names = write_set(out_dir, [*files, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    names = write_set(
+        out_dir, [*files, ControlFile(name=REPORT, data=text.encode(), role="note")]
+    )
     return ExportReport(
         controller=controller,
         out_dir=out_dir,
@@ -190,7 +194,9 @@ def _of_what_travelled(profile: Profile, result: Result) -> Profile:
     if result.volume.solid:
         return profile
     functions = [name for name in profile.machine.functions if result.knows(name)]
-    return replace(profile, machine=msgspec.structs.replace(profile.machine, functions=functions))
+    return replace(
+        profile, machine=msgspec.structs.replace(profile.machine, functions=functions)
+    )
 
 
 def _steps(step_mm: float | None, result: Result) -> tuple[float, ...]:
@@ -225,7 +231,8 @@ def _measured_step(result: Result, index: int) -> float:
             result.volume.increments * parts + 1, dtype=np.float64
         )
         return max(
-            (missed_um(grid_mm, position_mm, value) for position_mm, value in known), default=0.0
+            (missed_um(grid_mm, position_mm, value) for position_mm, value in known),
+            default=0.0,
         )
 
     parts = range(1, FINEST_PART + 1)
@@ -250,7 +257,9 @@ def _control_files(case: Case, standing: Standing) -> list[ControlFile]:
     rendered = case.controller.render(case.tables, case.profile, notes)
     readable = [file for file in rendered if file.role == "data"]
     read = case.controller.parse(readable, case.profile)
-    errors = [item for item in gate_findings(case, read, standing) if item.severity == "error"]
+    errors = [
+        item for item in gate_findings(case, read, standing) if item.severity == "error"
+    ]
     refuse((*check_round_trip(case.tables, read), *errors), (), message("files-as-written"))
     restore = restore_files(case.controller, case.tables, case.profile)
     require_clean([*rendered, *restore], case.profile.existing)

@@ -19,7 +19,13 @@ from stepdiag.base.result.result import Result
 from stepdiag.exporters.safety.checks import Case
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.tables.angular import require_chain
-from stepdiag.exporters.tables.controller import Controller, Emptying, Multiplying, Pairing, Plan
+from stepdiag.exporters.tables.controller import (
+    Controller,
+    Emptying,
+    Multiplying,
+    Pairing,
+    Plan,
+)
 from stepdiag.exporters.tables.curves import FUNCTIONS, KEPT, SQUARENESS_SLOPE, Curve
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
@@ -63,7 +69,9 @@ def planned(result: Result, control: Controller, profile: Profile, today: date) 
         standing = _loaded(case, before)
         asked = {*profile.machine.functions, *kept}
         lost = {table.name for table in standing.lost() if table.multiplier is None} - asked
-        stay = frozenset(table.name for table in standing.staying if table.multiplier is not None)
+        stay = frozenset(
+            table.name for table in standing.staying if table.multiplier is not None
+        )
         if not lost and stay == products:
             break
         kept |= {name: _as_it_was(name, before, profile) for name in lost}
@@ -83,7 +91,11 @@ def _once(
     """Return a plan, with the ``kept`` curves and the ``products`` that stay unchanged."""
     on = profile.machine.measured_with == "on"
     gone = (
-        [table for table in before if table.multiplier is not None and table.name not in products]
+        [
+            table
+            for table in before
+            if table.multiplier is not None and table.name not in products
+        ]
         if on
         else []
     )
@@ -91,7 +103,9 @@ def _once(
     fit = fitted(result, names, profile.machine.squareness_into, profile.zone, gone)
     curves: Sequence[Curve] = merged(fit.curves, before, profile) if on else fit.curves
     if kept:
-        curves = sorted((*curves, *kept.values()), key=lambda curve: FUNCTIONS.index(curve.name))
+        curves = sorted(
+            (*curves, *kept.values()), key=lambda curve: FUNCTIONS.index(curve.name)
+        )
     plan = (
         control.plan_products(curves, fit.products, profile)
         if isinstance(control, Multiplying)
@@ -100,7 +114,8 @@ def _once(
     settled = replace(profile, options=plan.options or profile.options)
     if before and isinstance(control, Emptying):
         plan = replace(
-            plan, tables=(*plan.tables, *control.emptied(profile.existing, plan.tables, settled))
+            plan,
+            tables=(*plan.tables, *control.emptied(profile.existing, plan.tables, settled)),
         )
     case = Case(
         controller=control,
@@ -138,7 +153,9 @@ def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
     except SafetyError:  # reported when the files are written, after the checks of the plan
         return Standing(before=before, after=tuple(case.tables), new=tuple(case.tables))
     after = case.controller.standing(case.profile.existing, files, case.profile)
-    return Standing(before=before, after=after, new=case.controller.parse(files, case.profile))
+    return Standing(
+        before=before, after=after, new=case.controller.parse(files, case.profile)
+    )
 
 
 def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:

@@ -16,7 +16,9 @@ from stepdiag.exporters.tables.controller import Plan
 from stepdiag.exporters.tables.tables import Table
 
 
-def report_text(case: Case, plan: Plan, findings: Sequence[Finding], prediction: Prediction) -> str:
+def report_text(
+    case: Case, plan: Plan, findings: Sequence[Finding], prediction: Prediction
+) -> str:
     """Return the report: machine, warnings, effect, tables with their laws, old and new, steps to
     load and to check."""
     sections = (

@@ -51,16 +51,17 @@ def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> 
         else f"{steps_mm[0]:g}"
     )
     file, remarks = lattice.render(held), tuple(_beside(result, held))
-    text = (
-        f"{file.name}: what has to be added to the command at each vertex, in µm; step {steps} mm\n"
-    )
+    text = f"{file.name}: what has to be added to the command at each vertex, in µm; "
+    text += f"step {steps} mm\n"
     text += (
         f"compensation while measuring: {stated_in(result).words()}; where it was on, the "
         "vectors come on top of what was active\n"
     )
     text += "".join(f"{item.code}: {item.words}\n" for item in remarks)
     require_clean([file])
-    names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    names = write_set(
+        out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")]
+    )
     return ExportReport(
         controller=lattice.NAME,
         out_dir=out_dir,
@@ -82,7 +83,9 @@ def export_etalon(result: Result, out_dir: Path) -> ExportReport:
     )
     text += f"compensation while measuring: {stated_in(result).words()}\n"
     require_clean([file])
-    names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    names = write_set(
+        out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")]
+    )
     return ExportReport(
         controller=etalon.NAME,
         out_dir=out_dir,
@@ -178,7 +181,9 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
     if largest > most.value_um:
         yield error("value-large.lattice-limit", largest_um=largest, value_um=most.value_um)
     elif largest > most.warn_value_um:
-        yield warning("value-large.lattice", largest_um=largest, warn_value_um=most.warn_value_um)
+        yield warning(
+            "value-large.lattice", largest_um=largest, warn_value_um=most.warn_value_um
+        )
     slopes = [
         float(
             np.max(
@@ -192,7 +197,9 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
         limits.slope_um_mm or plausible_slope_um_mm(size_mm / result.volume.increments)
         for size_mm in result.volume.size_mm
     ]
-    steepest, steep = max(zip(slopes, allowed, strict=True), key=lambda pair: pair[0] / pair[1])
+    steepest, steep = max(
+        zip(slopes, allowed, strict=True), key=lambda pair: pair[0] / pair[1]
+    )
     if steepest > steep:
         yield warning("slope-steep.lattice", steepest_um_mm=steepest, steep_um_mm=steep)
     for each in result.findings:
@@ -221,7 +228,11 @@ def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
 
 def _stated(result: Result, profile: Profile) -> Iterator[Finding]:
     for name, function in sorted(result.reversal.items()):
-        if function.value is not None and name[1] == name[2] and np.max(np.abs(function.value)) > 0:
+        if (
+            function.value is not None
+            and name[1] == name[2]
+            and np.max(np.abs(function.value)) > 0
+        ):
             yield info("direction-averaged", name=name)
             yield from backlash_offered(result, name[2], ends_backlash=False)
     for letter in "XYZ":
@@ -255,7 +266,12 @@ def _report(
         "REMARKS",
         *(f"  {item.severity:<8} {item.code}: {item.words}" for item in findings),
         *(
-            [f"  not in the lattice, because the result does not identify it: {', '.join(unknown)}"]
+            [
+                (
+                    "  not in the lattice, because the result does not identify it: "
+                    f"{', '.join(unknown)}"
+                )
+            ]
             if unknown
             else []
         ),

@@ -53,7 +53,8 @@ class Fanuc:
 
     name: str = "fanuc"
     title: str = (
-        "FANUC 0i-D/F, 16i/18i, 30i/31i/32i/35i (stored pitch error, inclination, straightness)"
+        "FANUC 0i-D/F, 16i/18i, 30i/31i/32i/35i "
+        "(stored pitch error, inclination, straightness)"
     )
     kinds: tuple[str, ...] = (pitch.KIND, lines.INCLINATION, lines.STRAIGHTNESS)
     options: type[msgspec.Struct] = FanucOptions
@@ -96,7 +97,10 @@ class Fanuc:
             for curve in wide
         }
         options = given_to(
-            {name: table for name, (table, _) in fitted.items()}, asked, masters, profile.source
+            {name: table for name, (table, _) in fitted.items()},
+            asked,
+            masters,
+            profile.source,
         )
         tables: list[Table] = []
         listed: list[Table] = []
@@ -111,14 +115,20 @@ class Fanuc:
                 if (numbers := options.straightness.get(curve.name)) is None:
                     listed.append(table)
                 else:
-                    tables.append(replace(table, place={**table.place, "set": numbers.moving}))
+                    tables.append(
+                        replace(table, place={**table.place, "set": numbers.moving})
+                    )
                 findings.append(_straightness_remark(curve, left_um, options))
         _require_pitch_points(tables, masters, profile)
         if asked.straightness_option and options.straightness != asked.straightness:
             findings.append(info("sign-untested.recalled"))
         return Plan(
             tables=tuple(tables),
-            findings=(*findings, *_overlaps(tables), *identity_findings(masters, profile, options)),
+            findings=(
+                *findings,
+                *_overlaps(tables),
+                *identity_findings(masters, profile, options),
+            ),
             listed=tuple(listed),
             options=_with_magnifications(options, tables),
         )
@@ -135,7 +145,9 @@ class Fanuc:
         Raises ``SafetyError`` (code ``template-missing``) without the machine's punched pitch data.
         """
         options = profile.options_as(FanucOptions)
-        pitch = {point: value for table in tables for point, value in stored_in(table).items()}
+        pitch = {
+            point: value for table in tables for point, value in stored_in(table).items()
+        }
         parameters = parameters_of(tables, profile, options)
         masters = [read_punch(file) for file in profile.existing]
         with_pitch = [master for master in masters if master.pitch]
@@ -144,7 +156,8 @@ class Fanuc:
                 f"{profile.source}: machine.existing",
                 code="template-missing",
                 expected=message("own-pitch"),
-                found=", ".join(file.name for file in profile.existing) or message("no-table-file"),
+                found=", ".join(file.name for file in profile.existing)
+                or message("no-table-file"),
                 remedy=message("punch-pitch-data-out"),
             )
         _refuse_lacking(parameters, masters, profile)
@@ -196,7 +209,9 @@ class Fanuc:
         them: series differ in these parameters.
         """
         needed = parameters_of(tables, profile, profile.options_as(FanucOptions))
-        both = {axis: text for (number, axis), text in needed.items() if number == BIDIRECTIONAL}
+        both = {
+            axis: text for (number, axis), text in needed.items() if number == BIDIRECTIONAL
+        }
         wanted = {switch_name(DISABLED, None): "0"}
         wanted |= {
             switch_name(BIDIRECTIONAL, axis): both.get(axis, "0")
@@ -302,7 +317,9 @@ def _refuse_lacking(
         for key, text in parameters.items()
         if key[0] not in SET_BY_HAND and (key[0], text) != (BIDIRECTIONAL, "0")
     ]
-    missing = [key for key in needed if all(master.parameter(*key) is None for master in masters)]
+    missing = [
+        key for key in needed if all(master.parameter(*key) is None for master in masters)
+    ]
     if missing:
         raise SafetyError(
             f"{profile.source}: machine.existing",
@@ -311,7 +328,8 @@ def _refuse_lacking(
             found=message(
                 "none-number",
                 numbers=[
-                    f"{number}{'' if axis is None else f' A{axis}'}" for number, axis in missing[:6]
+                    f"{number}{'' if axis is None else f' A{axis}'}"
+                    for number, axis in missing[:6]
                 ],
             ),
             remedy=message("punch-too"),
@@ -326,7 +344,9 @@ def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
         return
     axes = [axis.number for axis in profile.options_as(FanucOptions).axes.values()]
     missing = [
-        number for number in axes if all(file.parameter(INTERVAL, number) is None for file in own)
+        number
+        for number in axes
+        if all(file.parameter(INTERVAL, number) is None for file in own)
     ]
     if missing:
         raise SafetyError(
@@ -349,7 +369,9 @@ def _require_pitch_points(
     for letter in sorted({table.input_axis for table in tables} - own):
         number, step_mm = options.axes[letter].number, profile.axis(letter).step_mm
         for text in (
-            text for master in masters if (text := master.parameter(INTERVAL, number)) is not None
+            text
+            for master in masters
+            if (text := master.parameter(INTERVAL, number)) is not None
         ):
             interval_mm = finite(text, f"parameter {INTERVAL} A{number}") * (
                 1.0 if "." in text else options.least_input_um / 1000.0

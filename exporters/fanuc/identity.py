@@ -114,17 +114,24 @@ def _axis(
 
 def _text(masters: Sequence[PunchFile], number: int, axis: int | None) -> str | None:
     return next(
-        (text for master in masters if (text := master.parameter(number, axis)) is not None), None
+        (text for master in masters if (text := master.parameter(number, axis)) is not None),
+        None,
     )
 
 
-def _parameter_number(masters: Sequence[PunchFile], number: int, axis: int | None) -> int | None:
+def _parameter_number(
+    masters: Sequence[PunchFile], number: int, axis: int | None
+) -> int | None:
     text = _text(masters, number, axis)
-    whole = None if text is None else text.removesuffix(".0").removesuffix(".").removeprefix("-")
+    whole = (
+        None if text is None else text.removesuffix(".0").removesuffix(".").removeprefix("-")
+    )
     return int(whole) if whole is not None and whole.isdecimal() else None
 
 
-def _bit(masters: Sequence[PunchFile], number: int, axis: int | None, bit: int) -> bool | None:
+def _bit(
+    masters: Sequence[PunchFile], number: int, axis: int | None, bit: int
+) -> bool | None:
     """Return a bit of a parameter, None where no file holds it; bits are written from 7 down to
     0."""
     text = _text(masters, number, axis)

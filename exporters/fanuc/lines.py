@@ -81,18 +81,25 @@ def _best_lines(grid: Vector, wanted: Vector) -> tuple[list[int], Vector]:
     """Return the four grid indices, ends included, and the values there that fit ``wanted``
     best."""
     last = len(grid) - 1
-    interior = np.unique(np.linspace(1, last - 1, min(last - 1, _CANDIDATES)).round().astype(int))
+    interior = np.unique(
+        np.linspace(1, last - 1, min(last - 1, _CANDIDATES)).round().astype(int)
+    )
     fits = [
-        _fitted(grid, wanted, [0, *inner, last]) for inner in combinations(interior.tolist(), 2)
+        _fitted(grid, wanted, [0, *inner, last])
+        for inner in combinations(interior.tolist(), 2)
     ]
     _, knots, values = min(fits, key=lambda fit: fit[0])
     return knots, values
 
 
-def _fitted(grid: Vector, wanted: Vector, knots: list[int]) -> tuple[float, list[int], Vector]:
+def _fitted(
+    grid: Vector, wanted: Vector, knots: list[int]
+) -> tuple[float, list[int], Vector]:
     """Return the remaining sum of squares, and the knots of the least-squares lines with their
     values.
     """
-    hats = np.column_stack([np.interp(grid, grid[knots], unit) for unit in np.eye(len(knots))])
+    hats = np.column_stack(
+        [np.interp(grid, grid[knots], unit) for unit in np.eye(len(knots))]
+    )
     values = np.linalg.lstsq(hats, wanted, rcond=None)[0].astype(np.float64)
     return float(np.sum((hats @ values - wanted) ** 2)), knots, values

@@ -25,7 +25,9 @@ class AxisPoints(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_onl
     inclination: bool = False
 
 
-class StraightnessNumbers(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class StraightnessNumbers(
+    msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
+):
     """``[fanuc.straightness.EYX]``: the machine's own parameter numbers; no consulted manual states
     them.
     """

@@ -98,7 +98,8 @@ def _parameters(table: Table, profile: Profile, options: FanucOptions) -> dict[K
     if table.kind == lines.INCLINATION:
         keys = [*lines.INCLINATION_POINTS, *lines.INCLINATION_VALUES]
         return {
-            (key, axis.number): text for key, text in zip(keys, [*points, *values], strict=True)
+            (key, axis.number): text
+            for key, text in zip(keys, [*points, *values], strict=True)
         }
     numbers = options.straightness.get(table.name)
     if numbers is None:
@@ -116,7 +117,9 @@ def _parameters(table: Table, profile: Profile, options: FanucOptions) -> dict[K
     }
 
 
-def _pitch_parameters(table: Table, profile: Profile, options: FanucOptions) -> dict[Key, str]:
+def _pitch_parameters(
+    table: Table, profile: Profile, options: FanucOptions
+) -> dict[Key, str]:
     axis = options.axis(table.input_axis, profile.source)
     points = lines.numbers(table.input_axis, profile, options)
     if table.direction < 0:
@@ -149,7 +152,9 @@ def parameter_rows(table: Table, profile: Profile, options: FanucOptions) -> tup
     ]
     if table.kind != pitch.KIND:
         values = np.round(table.value_um / options.detection_unit_um).astype(int)
-        knots = zip(str(table.place["points"]).split(), table.position_mm, values, strict=True)
+        knots = zip(
+            str(table.place["points"]).split(), table.position_mm, values, strict=True
+        )
         return (
             *rows,
             *(
@@ -157,7 +162,9 @@ def parameter_rows(table: Table, profile: Profile, options: FanucOptions) -> tup
                 for point, position, value in knots
             ),
         )
-    data = zip(stored_in(table).items(), table.position_mm[1:], table.absolute_um[1:], strict=True)
+    data = zip(
+        stored_in(table).items(), table.position_mm[1:], table.absolute_um[1:], strict=True
+    )
     head = f"{'point':>6} {'up to mm':>14} {'data':>6} {'absolute µm':>12}"
     return (
         *rows,

@@ -80,7 +80,9 @@ def pitch_tables(
     grid, forward, reverse = sampled_um(curve, profile)
     directional = is_directional(curve, profile)
     wanted = (
-        [-forward - already_um, -reverse - already_um] if directional else [-forward - already_um]
+        [-forward - already_um, -reverse - already_um]
+        if directional
+        else [-forward - already_um]
     )
     unit = options.detection_unit_um
     at_reference = int(np.argmin(np.abs(grid - profile.axis(curve.input_axis).reference_mm)))
@@ -118,7 +120,11 @@ def pitch_tables(
 
 
 def _units(
-    wanted: list[Vector], offsets: list[float], axis: AxisPoints, options: FanucOptions, source: str
+    wanted: list[Vector],
+    offsets: list[float],
+    axis: AxisPoints,
+    options: FanucOptions,
+    source: str,
 ) -> tuple[list[NDArray[np.float64]], int]:
     """Return the absolute curves in whole units and the smallest magnification that keeps all
     increments within the limit."""
@@ -131,7 +137,8 @@ def _units(
     for magnification in tried:
         quantum = magnification * options.detection_unit_um
         counts = [
-            np.round((way - offset) / quantum) for way, offset in zip(wanted, offsets, strict=True)
+            np.round((way - offset) / quantum)
+            for way, offset in zip(wanted, offsets, strict=True)
         ]
         largest = max(int(np.max(np.abs(np.diff(way)))) for way in counts)
         if largest <= options.increment_limit:

@@ -129,12 +129,18 @@ def _refuse_foreign(name: str, blocks: tuple[Block, ...]) -> None:
         bad = _FORBIDDEN.search(block.text)
         if bad or not block.text.isascii():
             raise DataError(
-                block.where, expected=message("capital-letters"), found=excerpt(repr(block.text))
+                block.where,
+                expected=message("capital-letters"),
+                found=excerpt(repr(block.text)),
             )
 
 
 def _pitch_value(block: Block) -> re.Match[bytes] | None:
-    if block.number is None or block.number < FIRST_PITCH_LINE or _PARAMETER_KIND.match(block.text):
+    if (
+        block.number is None
+        or block.number < FIRST_PITCH_LINE
+        or _PARAMETER_KIND.match(block.text)
+    ):
         return None
     return _BARE_VALUE.match(block.text)
 
@@ -142,7 +148,9 @@ def _pitch_value(block: Block) -> re.Match[bytes] | None:
 def _parameter_value(text: bytes, axis: int | None) -> re.Match[bytes] | None:
     if axis is None:
         return _PATH_VALUE.match(text)
-    return re.match(rb"^(?P<head>.*?A\s*%d\s*P\s*)(?P<value>-?[\d.]+)(?P<tail>.*)\Z" % axis, text)
+    return re.match(
+        rb"^(?P<head>.*?A\s*%d\s*P\s*)(?P<value>-?[\d.]+)(?P<tail>.*)\Z" % axis, text
+    )
 
 
 def _rewritten(
@@ -152,7 +160,11 @@ def _rewritten(
     match = _pitch_value(block)
     if match is not None and block.number is not None:
         value = pitch.get(block.number - FIRST_PITCH_LINE)
-        return text if value is None else match["head"] + str(value).encode("ascii") + match["tail"]
+        return (
+            text
+            if value is None
+            else match["head"] + str(value).encode("ascii") + match["tail"]
+        )
     for (number, axis), value_text in parameters.items():
         if number == block.number and (found := _parameter_value(text, axis)):
             text = found["head"] + value_text.encode("ascii") + found["tail"]

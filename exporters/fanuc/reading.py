@@ -51,7 +51,9 @@ def read_tables(
 class _Reader:
     """The memory of the control after the files have been loaded."""
 
-    def __init__(self, files: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> None:
+    def __init__(
+        self, files: Sequence[PunchFile], profile: Profile, options: FanucOptions
+    ) -> None:
         self._files = files
         self._profile = profile
         self._options = options
@@ -92,7 +94,8 @@ class _Reader:
         if bits is not None:
             return bits.endswith("1")
         asked = (
-            self._options.experimental_bidirectional and self._profile.machine.direction == "both"
+            self._options.experimental_bidirectional
+            and self._profile.machine.direction == "both"
         )
         first = axis.reverse_first_point
         return asked and any(self._data.get(point) for point in range(first, first + count))
@@ -155,7 +158,9 @@ class _Reader:
         if missing:
             raise DataError(
                 self._names,
-                expected=message("points-of", first=wanted[0], last=wanted[-1], letter=letter),
+                expected=message(
+                    "points-of", first=wanted[0], last=wanted[-1], letter=letter
+                ),
                 found=message("no-point", number=missing[0]),
             )
         # An empty table is the same at any magnification: a machine without compensation need not
@@ -215,7 +220,9 @@ class _Reader:
                 return text
         return None
 
-    def _number(self, number: int, axis: int | None, default: int | None, field: str = "") -> int:
+    def _number(
+        self, number: int, axis: int | None, default: int | None, field: str = ""
+    ) -> int:
         """Return a parameter as a whole number: from the files, or else the profile's ``default``
         in ``field``.
         """
@@ -225,7 +232,9 @@ class _Reader:
             return default
         if text is None:
             remedy = (
-                message("punched-or-field", field=field) if field else message("punched-parameters")
+                message("punched-or-field", field=field)
+                if field
+                else message("punched-parameters")
             )
             raise DataError(
                 where, expected=message("a-value"), found=message("nothing"), remedy=remedy

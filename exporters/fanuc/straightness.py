@@ -36,12 +36,17 @@ def sets_in(files: Sequence[PunchFile]) -> tuple[StraightnessNumbers, ...]:
     return tuple(
         one
         for one in SETS
-        if any(all(file.parameter(key, None) is not None for key in _keys(one)) for file in files)
+        if any(
+            all(file.parameter(key, None) is not None for key in _keys(one)) for file in files
+        )
     )
 
 
 def given_to(
-    tables: Mapping[str, Table], options: FanucOptions, files: Sequence[PunchFile], source: str
+    tables: Mapping[str, Table],
+    options: FanucOptions,
+    files: Sequence[PunchFile],
+    source: str,
 ) -> FanucOptions:
     """Return the options with each set of the machine assigned to a function, the functions of the
     largest effect first; the profile's sets stay.
@@ -54,7 +59,9 @@ def given_to(
     """
     if not options.straightness_option:
         return options
-    asked = {name: table for name, table in tables.items() if name not in options.straightness}
+    asked = {
+        name: table for name, table in tables.items() if name not in options.straightness
+    }
     in_use = found_in(files, options)
     taken = {numbers.moving for numbers in options.straightness.values()}
     taken |= {numbers.moving for name, numbers in in_use.items() if name not in asked}
@@ -74,7 +81,9 @@ def given_to(
     return msgspec.structs.replace(options, straightness={**options.straightness, **given})
 
 
-def found_in(files: Sequence[PunchFile], options: FanucOptions) -> dict[str, StraightnessNumbers]:
+def found_in(
+    files: Sequence[PunchFile], options: FanucOptions
+) -> dict[str, StraightnessNumbers]:
     """Return the sets in use by function name, by moving and compensated axis in the files."""
     letters = {axis.number: letter for letter, axis in options.axes.items()}
     found: dict[str, StraightnessNumbers] = {}

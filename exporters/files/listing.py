@@ -35,7 +35,9 @@ def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
         raise DataError(
             file.name,
             expected=message("ascii-text"),
-            found=message("byte-at", byte=f"{file.data[error.start]:#04x}", place=error.start),
+            found=message(
+                "byte-at", byte=f"{file.data[error.start]:#04x}", place=error.start
+            ),
         ) from error
     lines = text.splitlines()
     if len(lines) > MOST_LINES + 1:
@@ -46,7 +48,9 @@ def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
         where = f"{file.name}: line {number}"
         if len(line) > LONGEST_LINE:
             raise DataError(
-                where, expected=message("characters-most", count=LONGEST_LINE), found=str(len(line))
+                where,
+                expected=message("characters-most", count=LONGEST_LINE),
+                found=str(len(line)),
             )
         yield where, line
 

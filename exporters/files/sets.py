@@ -16,7 +16,13 @@ from pathlib import Path
 from stepdiag.base.disk.part import folder_made, part_of, write_through
 from stepdiag.base.disk.system import sync_folder
 from stepdiag.base.errors import DataError, SafetyError, UsageError, system_words
-from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text, holds, read_bytes, refuse_file_name
+from stepdiag.base.files import (
+    LARGEST_SETTINGS_BYTES,
+    as_text,
+    holds,
+    read_bytes,
+    refuse_file_name,
+)
 from stepdiag.base.messages import Words, message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import is_restore
@@ -51,7 +57,9 @@ def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
 
 def sums_of(files: Sequence[ControlFile]) -> ControlFile:
     """Return the list of the files' SHA-256, as ``sha256sum --check`` reads it."""
-    lines = "".join(f"{hashlib.sha256(file.data).hexdigest()}  {file.name}\n" for file in files)
+    lines = "".join(
+        f"{hashlib.sha256(file.data).hexdigest()}  {file.name}\n" for file in files
+    )
     return ControlFile(name=SUMS, data=lines.encode("utf-8"), role="note")
 
 
@@ -75,7 +83,10 @@ def read_set(folder: Path) -> tuple[ControlFile, ...]:
     foreign = [name for name in present if name not in wanted and name != SUMS]
     if foreign:
         raise _refusal(
-            folder, "set-altered.foreign", message("files-sha256sums-names-no"), ", ".join(foreign)
+            folder,
+            "set-altered.foreign",
+            message("files-sha256sums-names-no"),
+            ", ".join(foreign),
         )
     files = tuple(
         ControlFile(name=name, data=read_bytes(folder / name)) for name in [*wanted, SUMS]
@@ -112,12 +123,16 @@ def zip_of(folder: Path, *, restore: bool) -> bytes:
     refused, with the SafetyError of `read_set`.
     """
     files = [
-        file for file in read_set(folder) if file.name != SUMS and is_restore(file.name) == restore
+        file
+        for file in read_set(folder)
+        if file.name != SUMS and is_restore(file.name) == restore
     ]
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in (*sorted(files, key=lambda file: file.name), sums_of(files)):
-            archive.writestr(zipfile.ZipInfo(file.name, EPOCH), file.data, zipfile.ZIP_DEFLATED)
+            archive.writestr(
+                zipfile.ZipInfo(file.name, EPOCH), file.data, zipfile.ZIP_DEFLATED
+            )
     return packed.getvalue()
 
 
@@ -139,7 +154,10 @@ def listed(folder: Path) -> dict[str, str]:
     wanted = {match["name"]: match["digest"] for match in matches if match is not None}
     if not wanted or len(wanted) != len(lines):
         raise _refusal(
-            folder, "set-altered", message("export-writes", sums=SUMS), message("another-text")
+            folder,
+            "set-altered",
+            message("export-writes", sums=SUMS),
+            message("another-text"),
         )
     return wanted
 
@@ -153,7 +171,9 @@ def whole(folder: Path) -> bool:
     return True
 
 
-def _refuse_altered(folder: Path, wanted: dict[str, str], files: Collection[ControlFile]) -> None:
+def _refuse_altered(
+    folder: Path, wanted: dict[str, str], files: Collection[ControlFile]
+) -> None:
     altered = [
         file.name
         for file in files

@@ -80,7 +80,9 @@ def render(
             "AXISPOS": _signed(at, decimals),
             "BACKLASH": _signed(0.0, decimals),
         }
-        cells |= {axis: _signed(float(column[index]), decimals) for axis, column in values.items()}
+        cells |= {
+            axis: _signed(float(column[index]), decimals) for axis, column in values.items()
+        }
         cells |= {column: each[index] for column, each in more.items()}
         rows.append(_com_row(heading, cells, _signed(0.0, decimals), name))
     datum = (
@@ -119,7 +121,8 @@ def render_assignment(
     heading = _heading(["NR", "ACTIVE", *axes], ".CMA", profile)
     row = _com_row(heading, {"NR": "0", "ACTIVE": "*", **named}, "", name)
     return ControlFile(
-        name=name, data=ascii_lines([f"BEGIN {name} MM", heading.rstrip(), row, _END], _NEWLINE)
+        name=name,
+        data=ascii_lines([f"BEGIN {name} MM", heading.rstrip(), row, _END], _NEWLINE),
     )
 
 
@@ -149,7 +152,9 @@ def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> 
     ]
     letters = {column: profile.letter_of(column, where) for column in axes}
     position = _positions(file.name, begin, index, rows)
-    if "BACKLASH" in index and any(finite(cells[index["BACKLASH"]], at) for at, cells in rows):
+    if "BACKLASH" in index and any(
+        finite(cells[index["BACKLASH"]], at) for at, cells in rows
+    ):
         raise DataError(
             where,
             expected=message("com-backlash"),
@@ -157,10 +162,12 @@ def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> 
             remedy=message("sense-private"),
         )
     values = {
-        axis: np.array([finite(cells[index[axis]], at) for at, cells in rows]) for axis in axes
+        axis: np.array([finite(cells[index[axis]], at) for at, cells in rows])
+        for axis in axes
     }
     places = max(
-        (len(cells[index[axis]].partition(".")[2]) for _, cells in rows for axis in axes), default=4
+        (len(cells[index[axis]].partition(".")[2]) for _, cells in rows for axis in axes),
+        default=4,
     )
     place = {"file": plain_name(file.name)}
     plain = [
@@ -233,7 +240,11 @@ def _kinematics(
     if output != letter or value.any():
         place = {**like.place, COLUMN: f"E{output}{letter}"}
         yield replace(
-            like, kind=how.kinematics_kind, output_axis=output, value_um=value * 1000.0, place=place
+            like,
+            kind=how.kinematics_kind,
+            output_axis=output,
+            value_um=value * 1000.0,
+            place=place,
         )
 
 
@@ -244,13 +255,18 @@ def read_assignment(file: ControlFile) -> dict[str, str]:
     active = [cells for _, cells in rows if "*" in cells]
     if columns[:2] != ["NR", "ACTIVE"] or len(active) != 1:
         raise DataError(
-            file.name, expected=message("nr-active"), found=message("such-lines", count=len(active))
+            file.name,
+            expected=message("nr-active"),
+            found=message("such-lines", count=len(active)),
         )
     return {axis: cell for axis, cell in zip(columns[2:], active[0][2:], strict=True) if cell}
 
 
 def _positions(
-    name: str, begin: re.Match[str], index: Mapping[str, int], rows: Sequence[tuple[str, list[str]]]
+    name: str,
+    begin: re.Match[str],
+    index: Mapping[str, int],
+    rows: Sequence[tuple[str, list[str]]],
 ) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
     if "AXISPOS" in index:
         position = np.array([finite(cells[index["AXISPOS"]], at) for at, cells in rows])
@@ -258,10 +274,14 @@ def _positions(
         distance = finite(begin["distance"], f"{name}: DISTANCE")
         position = finite(begin["datum"], f"{name}: DATUM") + distance * np.arange(len(rows))
     else:
-        raise DataError(f"{name}: line 1", expected=message("datum-or-column"), found=begin.group())
+        raise DataError(
+            f"{name}: line 1", expected=message("datum-or-column"), found=begin.group()
+        )
     if len(position) < 2 or np.any(np.diff(position) <= 0.0):
         raise DataError(
-            name, expected=message("two-rising"), found=message("count-rows", count=len(position))
+            name,
+            expected=message("two-rising"),
+            found=message("count-rows", count=len(position)),
         )
     return position
 

@@ -54,14 +54,17 @@ _TENTH_UM_PER_MM = 10000.0
 _QUANTUM_URAD = 1e6 * np.pi / 180.0 * 10.0**-com.DEGREE_DECIMALS
 
 
-class HeidenhainOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class HeidenhainOptions(
+    msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
+):
     """``[heidenhain]``: the generation of the control and the decimal places of a value."""
 
     generation: Generation
     chain: str | None = None
     decimals: Annotated[int, msgspec.Meta(ge=4, le=6)] = 4
     assignment: Annotated[
-        str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\.CMA\Z", description="name-such-as-cma")
+        str,
+        msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\.CMA\Z", description="name-such-as-cma"),
     ] = "CONFIG.CMA"
 
 
@@ -149,7 +152,9 @@ class Heidenhain:
         if any(table.kind == KINEMATICS for table in tables):
             beside.append(
                 ControlFile(
-                    name=LINES, data=ascii_lines(_kinematics_lines(tables, profile)), role="note"
+                    name=LINES,
+                    data=ascii_lines(_kinematics_lines(tables, profile)),
+                    role="note",
                 )
             )
         return (*self._com_files(tables, profile), self._assignment(named, profile), *beside)
@@ -157,7 +162,9 @@ class Heidenhain:
     def _com_files(self, tables: Sequence[Table], profile: Profile) -> list[ControlFile]:
         """Return a .COM file for the tables of each input axis."""
         options = profile.options_as(HeidenhainOptions)
-        by_input = [[table for table in tables if table.input_axis == letter] for letter in "XYZ"]
+        by_input = [
+            [table for table in tables if table.input_axis == letter] for letter in "XYZ"
+        ]
         positions = options.generation == "tnc640"
         return [
             com.render(of_axis, profile, positions=positions, decimals=options.decimals)
@@ -179,7 +186,9 @@ class Heidenhain:
         tables_of = {plain_name(file.name).upper(): file for file in coms}
         if len(tables_of) < len(coms):
             raise DataError(
-                "files", expected=message("table-once"), found=", ".join(file.name for file in coms)
+                "files",
+                expected=message("table-once"),
+                found=", ".join(file.name for file in coms),
             )
         assignments = [file for file in files if file.name.upper().endswith(".CMA")]
         if not tables_of:
@@ -218,7 +227,9 @@ class Heidenhain:
             how = com.Reading(
                 kind=KIND, kinematics_kind=KINEMATICS, law=LAW, levers=_levers(profile)
             )
-            tables += com.read(tables_of[name.upper()], profile.letter_of(axis, name), profile, how)
+            tables += com.read(
+                tables_of[name.upper()], profile.letter_of(axis, name), profile, how
+            )
         return tuple(tables)
 
     def standing(
@@ -228,7 +239,10 @@ class Heidenhain:
         control decides which .CMA is active.
         """
         called = [
-            file for files in (own, new) for file in files if file.name.upper().endswith(".CMA")
+            file
+            for files in (own, new)
+            for file in files
+            if file.name.upper().endswith(".CMA")
         ][-1:]
         tables = [file for file in copied(own, new) if not file.name.upper().endswith(".CMA")]
         return self.parse([*tables, *called], profile) if tables else ()
@@ -248,7 +262,9 @@ class Heidenhain:
 
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file is a .COM or .CMA table, by its name and first word."""
-        return file.name.upper().endswith((".COM", ".CMA")) and file.data.startswith(b"BEGIN ")
+        return file.name.upper().endswith((".COM", ".CMA")) and file.data.startswith(
+            b"BEGIN "
+        )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
         """Return one row a point."""
@@ -341,7 +357,9 @@ def _called(profile: Profile) -> dict[str, str]:
     if assignments:
         return com.read_assignment(assignments[0])
     names = [
-        plain_name(file.name) for file in profile.existing if file.name.upper().endswith(".COM")
+        plain_name(file.name)
+        for file in profile.existing
+        if file.name.upper().endswith(".COM")
     ]
     axes = [axis.name for axis in profile.axes.values()]
     return {com.axis_in(name, axes): name for name in names}

@@ -25,7 +25,14 @@ from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.files.numbers import fixed, shortest
-from stepdiag.exporters.linuxcnc.ini import Naming, axis_in, back, change, named_by, unless_named
+from stepdiag.exporters.linuxcnc.ini import (
+    Naming,
+    axis_in,
+    back,
+    change,
+    named_by,
+    unless_named,
+)
 from stepdiag.exporters.linuxcnc.read_back import read_back_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.averaging import straightness_remark
@@ -45,7 +52,9 @@ MOST_ROWS = 256
 """EMCMOT_COMP_SIZE."""
 _COEFFICIENT_DECIMALS = 9
 _HAL_NAME = "squareness.hal"
-_SETP = re.compile(r"^setp\s+matrixkins\.C_(?P<row>[xyz])(?P<column>[xyz])\s+(?P<value>\S+)\Z")
+_SETP = re.compile(
+    r"^setp\s+matrixkins\.C_(?P<row>[xyz])(?P<column>[xyz])\s+(?P<value>\S+)\Z"
+)
 
 
 class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -122,7 +131,12 @@ class LinuxCnc:
             if curve.name in POSITIONING:
                 place: dict[str, int | str] = {"file": _screw_name(curve.input_axis)}
                 own = absolute_tables(
-                    curve, profile, kind=SCREW, law=SCREW_LAW, quantum_um=quantum_um, place=place
+                    curve,
+                    profile,
+                    kind=SCREW,
+                    law=SCREW_LAW,
+                    quantum_um=quantum_um,
+                    place=place,
                 )
                 tables += _with_backlash(own, *_taken_over(curve.input_axis, active, profile))
             elif matrix and any(part in SQUARENESS_SLOPE for part in curve.parts):
@@ -195,7 +209,10 @@ class LinuxCnc:
         before = self._naming(profile)
         written = [file for file in self.render(tables, profile) if file.role == "data"]
         notes = unless_named(before, profile.machine.measured_with)
-        return (*profile.existing, back(before, self._naming(profile, written, before), notes))
+        return (
+            *profile.existing,
+            back(before, self._naming(profile, written, before), notes),
+        )
 
     def _naming(
         self,
@@ -206,7 +223,10 @@ class LinuxCnc:
         """Return the files named in the INI file, for the machine's own files or for new ones over
         those.
         """
-        joints, inch = profile.options_as(LinuxCncOptions).joints, profile.machine.units == "inch"
+        joints, inch = (
+            profile.options_as(LinuxCncOptions).joints,
+            profile.machine.units == "inch",
+        )
         return named_by(
             profile.existing if files is None else files,
             joints,
@@ -225,7 +245,9 @@ class LinuxCnc:
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return ``READ_BACK.ngc`` and its reader."""
-        return read_back_files([table for table in tables if table.kind == SCREW], unit_mm(profile))
+        return read_back_files(
+            [table for table in tables if table.kind == SCREW], unit_mm(profile)
+        )
 
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file sets matrixkins, or begins with three numbers and is named after
@@ -287,7 +309,9 @@ class LinuxCnc:
 
 def _squareness_remark(curves: Sequence[Curve]) -> Iterator[Finding]:
     """Yield which squareness is not written, where the control has no matrixkins."""
-    if names := [part for curve in curves for part in curve.parts if part in SQUARENESS_SLOPE]:
+    if names := [
+        part for curve in curves for part in curve.parts if part in SQUARENESS_SLOPE
+    ]:
         yield info("function-left-out.matrixkins", names=names)
 
 
@@ -306,7 +330,9 @@ def _lattice_in_control(file: ControlFile, profile: Profile) -> SafetyError:
     )
 
 
-def _taken_over(letter: str, active: Sequence[Table], profile: Profile) -> tuple[float, float]:
+def _taken_over(
+    letter: str, active: Sequence[Table], profile: Profile
+) -> tuple[float, float]:
     """Return the contents of the forward and the reverse column of an axis in addition to the
     measured error, as errors in um.
 
@@ -405,11 +431,11 @@ def _coefficient_table(
 
 def _coefficient_line(table: Table) -> str:
     coefficient = (
-        float(np.diff(table.value_um[[0, -1]])[0] / np.diff(table.position_mm[[0, -1]])[0]) / 1000.0
+        float(np.diff(table.value_um[[0, -1]])[0] / np.diff(table.position_mm[[0, -1]])[0])
+        / 1000.0
     )
-    return (
-        f"setp matrixkins.{table.place['coefficient']} {fixed(coefficient, _COEFFICIENT_DECIMALS)}"
-    )
+    number = fixed(coefficient, _COEFFICIENT_DECIMALS)
+    return f"setp matrixkins.{table.place['coefficient']} {number}"
 
 
 def _screw_file(tables: Sequence[Table], profile: Profile) -> bytes:
@@ -421,7 +447,9 @@ def _screw_file(tables: Sequence[Table], profile: Profile) -> bytes:
     reverse = next(table for table in tables if table.direction <= 0)
     rows = zip(forward.position_mm, forward.value_um, reverse.value_um, strict=True)
     return ascii_lines(
-        " ".join(shortest(actual / unit) for actual in (at, at + there / 1000, at + back / 1000))
+        " ".join(
+            shortest(actual / unit) for actual in (at, at + there / 1000, at + back / 1000)
+        )
         for at, there, back in rows
     )
 
@@ -444,7 +472,9 @@ def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
         )
     unit = unit_mm(profile)
     nominal, forward, reverse = rows.T * unit
-    columns = ((0, forward),) if np.array_equal(forward, reverse) else ((1, forward), (-1, reverse))
+    columns = (
+        ((0, forward),) if np.array_equal(forward, reverse) else ((1, forward), (-1, reverse))
+    )
     return [
         Table(
             kind=SCREW,
@@ -506,10 +536,14 @@ def _read_matrix(file: ControlFile, profile: Profile) -> list[Table]:
         match = _SETP.match(line)
         if match is None:
             raise DataError(where, expected=message("setp-of-matrixkins"), found=repr(line))
-        gain = finite(match["value"], where) - (1.0 if match["row"] == match["column"] else 0.0)
+        gain = finite(match["value"], where) - (
+            1.0 if match["row"] == match["column"] else 0.0
+        )
         column = match["column"].upper()
         tables.append(
-            _coefficient_table(match["row"].upper(), column, gain, _travel_mm(column, profile))
+            _coefficient_table(
+                match["row"].upper(), column, gain, _travel_mm(column, profile)
+            )
         )
     return tables
 

@@ -16,7 +16,9 @@ from stepdiag.exporters.tables import lattice
 
 NAME = "ini_lines.txt"
 COMPONENT_HAL = "stepdiagkins.hal"
-_CHANGE = "# Lines with '-' go out of the INI file, lines with '+' into it, each in its section."
+_CHANGE = (
+    "# Lines with '-' go out of the INI file, lines with '+' into it, each in its section."
+)
 _BACK = (
     "# Back to where the control was.",
     _CHANGE,
@@ -52,7 +54,10 @@ class Naming:
             for joint, name in sorted(self.comp.items())
             for line in (f"COMP_FILE = {name}", "COMP_FILE_TYPE = 0")
         ]
-        kins = [("[KINS]", f"KINEMATICS = {self.kinematics}"), ("[HAL]", f"HALFILE = {self.hal}")]
+        kins = [
+            ("[KINS]", f"KINEMATICS = {self.kinematics}"),
+            ("[HAL]", f"HALFILE = {self.hal}"),
+        ]
         limits = [
             (f"[JOINT_{joint}]", f"{end}_LIMIT = {shortest(limit)}")
             for joint, ends in sorted(self.limits.items())
@@ -74,7 +79,9 @@ def coordinates(joints: Joints, source: str) -> str:
     has no letter, or two."""
     letters = {joint: letter for letter, each in joints.items() for joint in each}
     numbers = sorted(joint for each in joints.values() for joint in each)
-    if numbers != list(range(len(numbers))) or not all(joints.get(letter) for letter in "XYZ"):
+    if numbers != list(range(len(numbers))) or not all(
+        joints.get(letter) for letter in "XYZ"
+    ):
         raise UsageError(
             f"{source}: linuxcnc.joints",
             expected=message("joints-all"),

@@ -128,7 +128,9 @@ def room_findings(held: Lattice, profile: Profile) -> Iterator[Finding]:
 
 def _naming(files: Sequence[ControlFile], profile: Profile, joints: Joints) -> Naming:
     """Return the names in the INI file for these files, with the limits of its joints."""
-    named = named_by(files, joints, inch=profile.machine.units == "inch", source=profile.source)
+    named = named_by(
+        files, joints, inch=profile.machine.units == "inch", source=profile.source
+    )
     held = next((lattice.parse(file) for file in files if lattice.recognises(file)), None)
     return replace(named, limits=_limits(held, profile, joints))
 

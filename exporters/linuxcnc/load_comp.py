@@ -105,7 +105,9 @@ def changed(text: str, out: Settings, into: Settings) -> str:
         if line.strip().startswith("["):
             section = line.strip().partition("]")[0] + "]"
             lines.append(line)
-            lines += [f"{key} = {value}" for (at, key), value in into.items() if at == section]
+            lines += [
+                f"{key} = {value}" for (at, key), value in into.items() if at == section
+            ]
         elif (section, line.partition("=")[0].strip()) not in {*out, *into}:
             lines.append(line)
     return "\n".join([*lines, ""])

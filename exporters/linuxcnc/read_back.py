@@ -38,9 +38,14 @@ def read_back_files(screws: Sequence[Table], unit_mm: float) -> tuple[ControlFil
         f"F{_FEED_MM_MIN / unit_mm:g}",
     ]
     for letter in dict.fromkeys(table.input_axis for table in screws):
-        rows = next(table.position_mm for table in screws if table.input_axis == letter) / unit_mm
+        rows = (
+            next(table.position_mm for table in screws if table.input_axis == letter)
+            / unit_mm
+        )
         stops = [rows[0] - _BEYOND, *rows, rows[-1] + _BEYOND, *rows[::-1]]
-        lines += [line for at in stops for line in (f"G1 {letter}{at:.6f}", f"G4 P{_DWELL_S}")]
+        lines += [
+            line for at in stops for line in (f"G1 {letter}{at:.6f}", f"G4 P{_DWELL_S}")
+        ]
     scripts = resources("stepdiag.exporters.linuxcnc")
     program = ControlFile(
         name=NAMES[0], data="\n".join([*lines, "M2", ""]).encode("ascii"), role="note"

@@ -49,7 +49,9 @@ class Reader:
         """Record the commanded positions of the joints and the added values; a stop counts after it
         has lasted.
         """
-        if any(abs(commanded[joint] - self._last.get(joint, 1e300)) > STIR for joint in commanded):
+        if any(
+            abs(commanded[joint] - self._last.get(joint, 1e300)) > STIR for joint in commanded
+        ):
             self._last, self._still_since, self._taken = dict(commanded), now_s, False
         if self._taken or self._still_since is None or now_s - self._still_since < STILL_S:
             return
@@ -78,7 +80,8 @@ def main(words: list[str]) -> int:
     reader = Reader(
         {
             joint: [
-                float(line.split()[0]) for line in path.read_text(encoding="ascii").splitlines()
+                float(line.split()[0])
+                for line in path.read_text(encoding="ascii").splitlines()
             ]
             for joint, path in zip(joints, paths, strict=True)
         }

@@ -21,7 +21,13 @@ from stepdiag.base.findings import Finding, info
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end, whole
+from stepdiag.exporters.files.listing import (
+    ascii_lines,
+    finite,
+    read_lines,
+    require_end,
+    whole,
+)
 from stepdiag.exporters.files.numbers import shortest
 from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
 from stepdiag.exporters.tables.controller import Limits, Plan
@@ -43,7 +49,9 @@ _MOST_SCALE = 99
 _HEAD = ("pinc", "cmpax", "drcax", "rdvno", "mdvno", "pdvno", "sc", "spcdv")
 
 
-class MitsubishiOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class MitsubishiOptions(
+    msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
+):
     """``[mitsubishi]``: the unit of the data, the way of counting them, and the first free data
     number.
     """
@@ -115,7 +123,9 @@ class Mitsubishi:
         lines = [*(f"; {note}" for note in notes), f"#4000 {counting}"]
         for table in tables:
             lines += _data_lines(table, profile)
-        return (ControlFile(name=_NAME, data=ascii_lines([*lines, _END.decode("ascii")], "\r\n")),)
+        return (
+            ControlFile(name=_NAME, data=ascii_lines([*lines, _END.decode("ascii")], "\r\n")),
+        )
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables of such a list."""
@@ -127,7 +137,9 @@ class Mitsubishi:
         """Return the tables in the parameters of the control: every number keeps its last typed
         value, including the data of any pair.
         """
-        values = {number: value for file in (*own, *new) for number, value in _values(file).items()}
+        values = {
+            number: value for file in (*own, *new) for number, value in _values(file).items()
+        }
         return (
             tuple(_pairs(", ".join(file.name for file in (*own, *new)), values, profile))
             if values
@@ -339,7 +351,9 @@ def _read_pair(
     data_form = values[4000]
     if data_form.whole() != int(options.data == "incremental"):
         raise DataError(
-            data_form.where, expected=message("4000-for", count=options.data), found=data_form.text
+            data_form.where,
+            expected=message("4000-for", count=options.data),
+            found=data_form.text,
         )
     base_axis, moved_axis = (profile.letter_of(*values[base + index]) for index in (1, 2))
     origin, first, last, scale = (values[base + index].whole() for index in (3, 4, 5, 6))
@@ -358,7 +372,12 @@ def _read_pair(
             values[base + 3].where,
             expected=expected,
             found=message(
-                "scale-interval", first=first, origin=origin, last=last, scale=scale, step=step
+                "scale-interval",
+                first=first,
+                origin=origin,
+                last=last,
+                scale=scale,
+                step=step,
             ),
         )
     absent = [number for number in range(first, last + 1) if number not in values]
@@ -370,7 +389,9 @@ def _read_pair(
             remedy=message("list-cut"),
         )
     reference_mm = profile.axis(base_axis).reference_mm
-    position = reference_mm + step * np.arange(first - origin, last + 1 - origin, dtype=np.float64)
+    position = reference_mm + step * np.arange(
+        first - origin, last + 1 - origin, dtype=np.float64
+    )
     require_rising(position, interval.where)
     unit_um = options.output_unit_um * scale
     data = [values[number].whole() for number in range(first, last + 1)]

@@ -56,7 +56,9 @@ class Neutral:
         """Return every curve on the profile's grid, to a nanometre."""
         quantum_um = 10.0**-_DECIMALS
         planned = [
-            absolute_tables(curve, profile, kind=KIND, law=LAW, quantum_um=quantum_um, place={})
+            absolute_tables(
+                curve, profile, kind=KIND, law=LAW, quantum_um=quantum_um, place={}
+            )
             for curve in curves
         ]
         return Plan(tables=tuple(table for tables in planned for table in tables))
@@ -132,7 +134,9 @@ def _tables(file: ControlFile, profile: Profile) -> list[Table]:
         points = groups.setdefault((name, direction), [])
         if points and at <= points[-1][0]:
             raise DataError(
-                where, expected=message("position-above", points=points[-1][0]), found=f"{at:g}"
+                where,
+                expected=message("position-above", points=points[-1][0]),
+                found=f"{at:g}",
             )
         points.append((at, value))
     return [
@@ -144,7 +148,9 @@ def _tables(file: ControlFile, profile: Profile) -> list[Table]:
 def _curve_row(where: str, line: str) -> tuple[str, int, float, float]:
     cells = line.split(",")
     if len(cells) != 4 or cells[0] not in FUNCTIONS or cells[1] not in ("0", "1", "-1"):
-        raise DataError(where, expected=message("function-exx-ezz-direction"), found=repr(line))
+        raise DataError(
+            where, expected=message("function-exx-ezz-direction"), found=repr(line)
+        )
     return cells[0], int(cells[1]), finite(cells[2], where), finite(cells[3], where)
 
 
@@ -157,7 +163,9 @@ def _curve_table(
 ) -> Table:
     if len(points) < 2:
         raise DataError(
-            f"{source}: {name}", expected=message("at-least-two-points"), found=str(len(points))
+            f"{source}: {name}",
+            expected=message("at-least-two-points"),
+            found=str(len(points)),
         )
     return Table(
         kind=KIND,

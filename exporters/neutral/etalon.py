@@ -52,7 +52,9 @@ def render(result: Result) -> ControlFile:
     ]
     for name in SQUARENESS:
         value = result.squareness[name].value
-        lines += [] if value is None else [f"[{name}]", f"VALUE = {value * 1e-6:.{_DECIMALS}f}"]
+        lines += (
+            [] if value is None else [f"[{name}]", f"VALUE = {value * 1e-6:.{_DECIMALS}f}"]
+        )
     for name in (*DISPLACEMENTS, *ROTATIONS):
         function = result.errors.get(name)
         if function is None or function.value is None:
@@ -106,7 +108,9 @@ def parse(file: ControlFile, chain: str) -> Result:
     missing = [name for name in ("EXX", "EYY", "EZZ") if name not in functions]
     if missing:
         raise DataError(
-            file.name, expected=message("functions-exx-eyy-and"), found="no " + ", ".join(missing)
+            file.name,
+            expected=message("functions-exx-eyy-and"),
+            found="no " + ", ".join(missing),
         )
     volume = _volume(functions, file.name)
     origin = np.asarray(volume.origin_mm)
@@ -118,21 +122,28 @@ def parse(file: ControlFile, chain: str) -> Result:
     errors: dict[str, Function] = {}
     for axis, letter in enumerate("XYZ"):
         turns = {
-            turn: functions[f"E{turn}{letter}"] for turn in "ABC" if f"E{turn}{letter}" in functions
+            turn: functions[f"E{turn}{letter}"]
+            for turn in "ABC"
+            if f"E{turn}{letter}" in functions
         }
-        first = np.array([turns[turn][0, 1] * 1e6 if turn in turns else 0.0 for turn in "ABC"])
+        first = np.array(
+            [turns[turn][0, 1] * 1e6 if turn in turns else 0.0 for turn in "ABC"]
+        )
         linear += cross_matrix(first) @ np.diag(mask[axis]) * 1e-3
         for component, word in enumerate("XYZ"):
             rows = functions.get(f"E{word}{letter}")
             if rows is not None:
                 angles = np.column_stack(
                     [
-                        np.interp(rows[:, 0], *turns[t].T) * 1e6 if t in turns else 0.0 * rows[:, 0]
+                        np.interp(rows[:, 0], *turns[t].T) * 1e6
+                        if t in turns
+                        else 0.0 * rows[:, 0]
                         for t in "ABC"
                     ]
                 )
                 moved = (
-                    rows[:, 1] * 1e3 + np.cross(angles, mask[axis] * origin)[:, component] * 1e-3
+                    rows[:, 1] * 1e3
+                    + np.cross(angles, mask[axis] * origin)[:, component] * 1e-3
                 )
                 errors[f"E{word}{letter}"], slope = _function(
                     rows[:, 0], moved, straight=component != axis
@@ -140,7 +151,10 @@ def parse(file: ControlFile, chain: str) -> Result:
                 linear[component, axis] += slope
         for turn, rows in turns.items():
             errors[f"E{turn}{letter}"] = Function(
-                position_mm=rows[:, 0], value=(rows[:, 1] - rows[0, 1]) * 1e6, u=None, unit="urad"
+                position_mm=rows[:, 0],
+                value=(rows[:, 1] - rows[0, 1]) * 1e6,
+                u=None,
+                unit="urad",
             )
     return Result(
         volume=volume,
@@ -161,7 +175,9 @@ def _function(at: Vector, value_um: Vector, *, straight: bool) -> tuple[Function
     """
     value = value_um - value_um[0]
     slope = float(value[-1] / (at[-1] - at[0])) if straight else 0.0
-    return Function(position_mm=at, value=value - slope * (at - at[0]), u=None, unit="um"), slope
+    return Function(
+        position_mm=at, value=value - slope * (at - at[0]), u=None, unit="um"
+    ), slope
 
 
 def _unknown(volume: Volume, name: str) -> Function:
@@ -212,7 +228,9 @@ def _etalon_blocks(file: ControlFile) -> tuple[dict[str, float], dict[str, Vecto
                 or name in functions
                 or name not in (*SQUARENESS, *DISPLACEMENTS, *ROTATIONS)
             ):
-                raise DataError(where, expected=message("function-or-squareness-three"), found=line)
+                raise DataError(
+                    where, expected=message("function-or-squareness-three"), found=line
+                )
         elif name and rows is None and (value := _VALUE.match(line)):
             values[name] = finite(value[1], where)
         elif name and rows is None and _BEGIN.match(line):

@@ -11,7 +11,12 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import SafetyError, UsageError
-from stepdiag.base.files import LARGEST_SETTINGS_BYTES, LARGEST_TABLE_BYTES, as_text, read_bytes
+from stepdiag.base.files import (
+    LARGEST_SETTINGS_BYTES,
+    LARGEST_TABLE_BYTES,
+    as_text,
+    read_bytes,
+)
 from stepdiag.base.messages import message
 from stepdiag.base.result.result import AXIS_LETTERS
 from stepdiag.base.settings import convert, nearest, read_toml, require_answers
@@ -101,7 +106,10 @@ def read_profile_text(path: Path) -> str:
     large, or not UTF-8.
     """
     data = read_bytes(
-        path, largest=LARGEST_SETTINGS_BYTES, expected=message("readable-profile"), blame=UsageError
+        path,
+        largest=LARGEST_SETTINGS_BYTES,
+        expected=message("readable-profile"),
+        blame=UsageError,
     )
     return as_text(data, str(path), UsageError)
 
@@ -115,7 +123,9 @@ def quick_profile(
     ``step_mm`` is the step of all axes or one per axis, without it the steps of the volume. An axis
     that did not travel has no table.
     """
-    steps_mm = np.broadcast_to(volume.step_mm if step_mm is None else step_mm, len(AXIS_LETTERS))
+    steps_mm = np.broadcast_to(
+        volume.step_mm if step_mm is None else step_mm, len(AXIS_LETTERS)
+    )
     axes = {
         letter: AxisSection(
             name=f"AX{index + 1}",
@@ -144,13 +154,17 @@ def quick_profile(
     )
 
 
-def _refuse_unknown_sections(tables: dict[str, Any], controller: Controller, source: str) -> None:
+def _refuse_unknown_sections(
+    tables: dict[str, Any], controller: Controller, source: str
+) -> None:
     """Refuse an unknown top-level table with the nearest name; the section of another controller
     means a profile of another controller.
     """
     machine = tables.get("machine", {})
     named = (
-        machine.get("controller", controller.name) if isinstance(machine, dict) else controller.name
+        machine.get("controller", controller.name)
+        if isinstance(machine, dict)
+        else controller.name
     )
     if named != controller.name:
         raise UsageError(
@@ -217,4 +231,6 @@ def _existing(
             found=message("nothing"),
             remedy=message("back-up"),
         )
-    return tuple(ControlFile(name=Path(name).name, data=files[name]) for name in machine.existing)
+    return tuple(
+        ControlFile(name=Path(name).name, data=files[name]) for name in machine.existing
+    )

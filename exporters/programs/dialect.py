@@ -118,10 +118,15 @@ class Dialect(ABC):
     def _framed(self, job: Job, blocks: list[str]) -> list[str]:
         stem = self.file_name(job).partition(".")[0]
         first, last = (
-            [line.format(stem=stem) for line in lines] for lines in (self.opening, self.closing)
+            [line.format(stem=stem) for line in lines]
+            for lines in (self.opening, self.closing)
         )
         lines = [*first, *blocks, *last]
-        return [f"{number} {line}" for number, line in enumerate(lines)] if self.numbered else lines
+        return (
+            [f"{number} {line}" for number, line in enumerate(lines)]
+            if self.numbered
+            else lines
+        )
 
     def _header(self, job: Job) -> Iterator[str]:
         sequence = job.sequence
@@ -159,7 +164,9 @@ class Dialect(ABC):
 
     def _pass_blocks(self, job: Job, each: Pass, passes: tuple[Pass, ...]) -> Iterator[str]:
         way = "outward" if each.outward else "return"
-        yield self.comment(f"{_spoken(job.setup)} pass {each.number} of {passes[-1].number}, {way}")
+        yield self.comment(
+            f"{_spoken(job.setup)} pass {each.number} of {passes[-1].number}, {way}"
+        )
         if each.approach_mm is not None:
             yield self.comment("approach from outside: backlash taken up")
             yield self._moved(job, each.approach_mm)
@@ -211,7 +218,9 @@ def _check_increment(job: Job) -> None:
             for axis, value in zip(AXES, stop.position_mm, strict=True):
                 if abs(value - round(value, job.decimals)) > 1e-9:
                     raise UsageError(
-                        message("volume-setup-stop", setup=job.setup, stop=stop.stop, axis=axis),
+                        message(
+                            "volume-setup-stop", setup=job.setup, stop=stop.stop, axis=axis
+                        ),
                         expected=message("positions-in-whole-input", plain=plain(increment)),
                         found=f"{value!r} mm",
                         remedy=message("choose-size-mm-as"),

@@ -52,7 +52,10 @@ def jogs_at(
     centre = beside(0.0, 0.0)
     wobble = Jog(position_mm=centre, stand_s=WOBBLE_S, ask=WOBBLE)
     dark = (
-        (Jog(position_mm=centre, stand_s=DARK_S, ask=BLOCK), Jog(position_mm=centre, ask=FREE))
+        (
+            Jog(position_mm=centre, stand_s=DARK_S, ask=BLOCK),
+            Jog(position_mm=centre, ask=FREE),
+        )
         if last
         else ()
     )

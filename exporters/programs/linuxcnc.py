@@ -116,7 +116,10 @@ def companion_files(
             "the one here."
         ),
         f"loadusr -Wn stepdiag /usr/bin/python3 ./{COMPONENT} --host {host} --port {port}",
-        *(f"net stepdiag-{pin} {theirs} {arrow} stepdiag.{pin}" for pin, theirs, arrow in _NETS),
+        *(
+            f"net stepdiag-{pin} {theirs} {arrow} stepdiag.{pin}"
+            for pin, theirs, arrow in _NETS
+        ),
     ]
     source = Path(__file__).with_name(COMPONENT).read_bytes()
     return (

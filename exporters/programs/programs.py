@@ -74,7 +74,9 @@ def nc_programs(
     ]
     return tuple(
         Program(
-            name=dialect.file_name(job), setup=job.setup, data=dialect.render(job).encode("ascii")
+            name=dialect.file_name(job),
+            setup=job.setup,
+            data=dialect.render(job).encode("ascii"),
         )
         for job in jobs
     )
@@ -90,7 +92,9 @@ def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]
                     f"plan.setups: {setup}, {axis.upper()}",
                     code="beyond-travel.program",
                     expected=message("positions-within-travel", least_mm=least, most_mm=most),
-                    found=message("to-mm-overrun-included", low_mm=low[index], high_mm=high[index]),
+                    found=message(
+                        "to-mm-overrun-included", low_mm=low[index], high_mm=high[index]
+                    ),
                     remedy=message("smaller-plan-overrun-mm"),
                 )
 
@@ -113,7 +117,9 @@ def program_name(sequence: Sequence, control: str, setup: str) -> str:
     """
     dialect = _dialect(control)
     return dialect.file_name(
-        Job(sequence=sequence, setup=setup, signals=dialect.signals, decimals=dialect.decimals)
+        Job(
+            sequence=sequence, setup=setup, signals=dialect.signals, decimals=dialect.decimals
+        )
     )
 
 

@@ -112,7 +112,8 @@ def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
     """
     check(sequence)
     count = 1 + sum(
-        _stops_in(sequence, before) for before in sequence.setups[: sequence.setups.index(setup)]
+        _stops_in(sequence, before)
+        for before in sequence.setups[: sequence.setups.index(setup)]
     )
     passes = []
     for number in _pass_numbers(sequence):
@@ -149,7 +150,9 @@ def check(sequence: Sequence) -> None:
     ):
         if not np.isfinite(number) or number < 0 or (number == 0 and least == "above 0"):
             raise UsageError(
-                f"plan.{name}", expected=message("number-limits", limits=least), found=repr(number)
+                f"plan.{name}",
+                expected=message("number-limits", limits=least),
+                found=repr(number),
             )
     if sequence.repeats < 1:
         raise UsageError(
@@ -157,7 +160,9 @@ def check(sequence: Sequence) -> None:
         )
     for order in (sequence.axis_order, *sequence.axis_orders):
         if sorted(order) != list(AXES):
-            raise UsageError("volume.axis_order", expected=message("each-x-y-z"), found=repr(order))
+            raise UsageError(
+                "volume.axis_order", expected=message("each-x-y-z"), found=repr(order)
+            )
     _check_setups(sequence)
 
 

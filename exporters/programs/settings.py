@@ -42,7 +42,9 @@ class ProgramSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
 
     def signals(self, defaults: Signals) -> Signals:
         """Return the texts of the machine, or the control's ``defaults`` where it states none."""
-        own = {name: getattr(self, name) for name in _TEXTS if getattr(self, name) is not None}
+        own = {
+            name: getattr(self, name) for name in _TEXTS if getattr(self, name) is not None
+        }
         return replace(defaults, **own)
 
 
@@ -81,7 +83,10 @@ def travel_in(text: str, source: str) -> dict[str, tuple[float, float]]:
             ).travel_mm
             if travel[0] >= travel[1]:
                 raise refuse(
-                    source, f"axes.{letter}.travel_mm", message("lower-end-first"), list(travel)
+                    source,
+                    f"axes.{letter}.travel_mm",
+                    message("lower-end-first"),
+                    list(travel),
                 )
             found[letter.lower()] = travel
     return found

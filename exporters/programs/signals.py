@@ -48,7 +48,8 @@ class Signals:
                 if name not in known:
                     raise UsageError(
                         f"program.{item.name}",
-                        expected="only " + " and ".join(f"{{{each}}}" for each in sorted(known))
+                        expected="only "
+                        + " and ".join(f"{{{each}}}" for each in sorted(known))
                         if known
                         else message("no-placeholder"),
                         found=f"{{{name}}}",

@@ -65,9 +65,13 @@ class Block:
         ]
         for axis in AXES:
             tenths = round(pins["position-" + axis] * self._unit_mm * 1e4)
-            words += struct.unpack(">HH", struct.pack(">i", max(-(2**31), min(2**31 - 1, tenths))))
+            words += struct.unpack(
+                ">HH", struct.pack(">i", max(-(2**31), min(2**31 - 1, tenths)))
+            )
         hundredths = (round(pins[name] * 100) for name in ("material-c", "air-c"))
-        tenths_more = (round(pins[name] * 10) for name in ("pressure-hpa", "humidity-percent"))
+        tenths_more = (
+            round(pins[name] * 10) for name in ("pressure-hpa", "humidity-percent")
+        )
         return [
             *words,
             *(value & 0xFFFF for value in hundredths),
@@ -147,7 +151,9 @@ class Client:
             self._received = self._received[6 + length :]
             reply = answer(request, block)
             try:
-                self.link.sendall(struct.pack(">HHHB", number, 0, len(reply) + 1, unit) + reply)
+                self.link.sendall(
+                    struct.pack(">HHHB", number, 0, len(reply) + 1, unit) + reply
+                )
             except OSError:
                 return False
         return bool(data)
@@ -160,7 +166,9 @@ def served(door: socket.socket, block: Block) -> None:
     clients: list[Client] = []
     while True:
         ready, _, _ = select.select([door, *(client.link for client in clients)], [], [])
-        gone = [client for client in clients if client.link in ready and not client.serve(block)]
+        gone = [
+            client for client in clients if client.link in ready and not client.serve(block)
+        ]
         if door in ready:
             link, _ = door.accept()
             link.setblocking(False)
@@ -211,7 +219,9 @@ def main() -> None:
         door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         door.bind((options.host, options.port))
         door.listen(MOST_CLIENTS)
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # how the control ends its components
+        signal.signal(
+            signal.SIGTERM, lambda *_: sys.exit()
+        )  # how the control ends its components
         pins = wired()
         pins.ready()
         try:

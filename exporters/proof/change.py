@@ -137,7 +137,9 @@ def exchanged(table: Table, one: str, other: str) -> Table:
     lever = (
         None
         if table.multiplier is None
-        else replace(table.multiplier, axis=names.get(table.multiplier.axis, table.multiplier.axis))
+        else replace(
+            table.multiplier, axis=names.get(table.multiplier.axis, table.multiplier.axis)
+        )
     )
     moving, output = (names.get(axis, axis) for axis in (table.input_axis, table.output_axis))
     return replace(table, input_axis=moving, output_axis=output, multiplier=lever)

@@ -116,7 +116,11 @@ class _Case:
     """The tables of a proof run and its readings."""
 
     def __init__(
-        self, before: Readings, after: Readings, acting: Sequence[Table], replaced: Sequence[Table]
+        self,
+        before: Readings,
+        after: Readings,
+        acting: Sequence[Table],
+        replaced: Sequence[Table],
     ) -> None:
         self.ways, self.change_um = changes(before, after)
         self.tables = [table for table in acting if table.value_um.any()]
@@ -145,7 +149,9 @@ class _Case:
             tuple(name for name in self.seen if self.kinds[name] == kind)
             for kind in dict.fromkeys(self.kinds[name] for name in self.seen)
         ]
-        return list(dict.fromkeys([*((name,) for name in self.seen), *kinds, tuple(self.seen)]))
+        return list(
+            dict.fromkeys([*((name,) for name in self.seen), *kinds, tuple(self.seen)])
+        )
 
     def misfit(self, explained: _Explained) -> float:
         return self.fit.misfit(explained.predicted_um)
@@ -155,7 +161,9 @@ class _Case:
         as explained.
         """
         together = sum((self.seen[name] for name in names), self.nothing)
-        own = sum((explained.states[name][1] * self.seen[name] for name in names), self.nothing)
+        own = sum(
+            (explained.states[name][1] * self.seen[name] for name in names), self.nothing
+        )
         return together, explained.predicted_um - own
 
     def shown(self, best: _Explained, name: str) -> tuple[float, float]:
@@ -187,7 +195,9 @@ class _Case:
                 if any(than.states[name] != state for name in group) and all(
                     than.states[name][0] != "axes-swapped" for name in group
                 ):
-                    added = [(state[1] - than.states[name][1]) * self.seen[name] for name in group]
+                    added = [
+                        (state[1] - than.states[name][1]) * self.seen[name] for name in group
+                    ]
                     yield _Explained(
                         states={**than.states, **dict.fromkeys(group, state)},
                         predicted_um=than.predicted_um + sum(added),
@@ -195,7 +205,8 @@ class _Case:
         if all(state == STATES[0] for state in than.states.values()):
             kinds = dict.fromkeys(self.kinds.values())
             for some, pair in product(
-                dict.fromkeys([*((kind,) for kind in kinds), tuple(kinds)]), combinations("XYZ", 2)
+                dict.fromkeys([*((kind,) for kind in kinds), tuple(kinds)]),
+                combinations("XYZ", 2),
             ):
                 yield self._exchanged(than, some, *pair)
 
@@ -266,7 +277,9 @@ def prove(
         *(_unseen(case, name, result) for name in unseen),
     )
     return Proof(
-        tables=proved, sigma_um=case.fit.sigma_um, further=_further(case, before, after, proved)
+        tables=proved,
+        sigma_um=case.fit.sigma_um,
+        further=_further(case, before, after, proved),
     )
 
 
@@ -308,7 +321,9 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
         if other.states[name][0] != code and case.misfit(other) < least
     }
     states = [*remain, (code, factor)]
-    off = max(np.inf if state == "axes-swapped" else abs(share - 1.0) for state, share in states)
+    off = max(
+        np.inf if state == "axes-swapped" else abs(share - 1.0) for state, share in states
+    )
     shown, u = case.shown(best, name)
     # a size that no cause explains is that of the tables only where no size of the others makes it
     unsized = (code, factor) not in STATES and code == "scaled" and _code(shown, u) != code

@@ -63,27 +63,37 @@ def plan_proof(
             expected=message("proof-diagonal"),
             found=", ".join(names) or message("none"),
         )
-    pairs = [tuple(pair) for pair in product(diagonals, lines)] or [(name,) for name in diagonals]
+    pairs = [tuple(pair) for pair in product(diagonals, lines)] or [
+        (name,) for name in diagonals
+    ]
     ways = {name: [way for way, _ in ways_of(readings, [name])] for name in names}
 
     def least(pair: Sequence[str]) -> float:
         return max(
-            (each.expanded_um / each.seen_um for each in _foreseen(result, ways, pair, acting)),
+            (
+                each.expanded_um / each.seen_um
+                for each in _foreseen(result, ways, pair, acting)
+            ),
             default=0.0,
         )
 
     chosen = min(pairs, key=least)
     foreseen = _foreseen(result, ways, chosen, acting)
     if not foreseen:
-        raise DataError(result.source, expected=message("proof-sees"), found=message("nothing"))
+        raise DataError(
+            result.source, expected=message("proof-sees"), found=message("nothing")
+        )
     runs = [driven.run_of(name) for name in chosen]
     once = sum(
-        run_minutes(driven, replace(run, repeats=1)) - setup_minutes(driven, run) for run in runs
+        run_minutes(driven, replace(run, repeats=1)) - setup_minutes(driven, run)
+        for run in runs
     )
     # the proof needs the survey's readings at its own stops, which another order does not have
     most = min((run.repeats for run in runs if run.alternate), default=int(minutes / once))
     repeats = max(min(int(minutes / once), most), 1)
-    return ProofPlan(setups=chosen, repeats=repeats, minutes=repeats * once, foreseen=foreseen)
+    return ProofPlan(
+        setups=chosen, repeats=repeats, minutes=repeats * once, foreseen=foreseen
+    )
 
 
 def _foreseen(
@@ -94,7 +104,8 @@ def _foreseen(
     spreads = [
         found
         for name in setups
-        if (found := result.setups[name].residual_um if name in result.setups else None) is not None
+        if (found := result.setups[name].residual_um if name in result.setups else None)
+        is not None
     ]
     scatter_um = max([*spreads, USUAL_UM])
     return tuple(

@@ -82,7 +82,9 @@ def check_change(case: Case) -> Iterator[Finding]:
     alone (check 2).
     """
     for table in case.tables:
-        before = [old for old in case.previous if old.name == table.name and np.any(old.value_um)]
+        before = [
+            old for old in case.previous if old.name == table.name and np.any(old.value_um)
+        ]
         if not before or not np.any(table.value_um):
             continue
         new = [each for each in case.tables if each.name == table.name]
@@ -102,8 +104,12 @@ def check_slope(case: Case) -> Iterator[Finding]:
         if most == "plausible":
             most = plausible_slope_um_mm(_measured_mm(case.result, table))
         if most is not None and steepest > most:
-            yield warning("slope-steep", label=table.label, slope_um_mm=steepest, limit_um_mm=most)
-        allowed = np.minimum(own.neighbour_um or np.inf, (own.neighbour_um_mm or np.inf) * spacing)
+            yield warning(
+                "slope-steep", label=table.label, slope_um_mm=steepest, limit_um_mm=most
+            )
+        allowed = np.minimum(
+            own.neighbour_um or np.inf, (own.neighbour_um_mm or np.inf) * spacing
+        )
         if np.any(steps > allowed + _ZERO_UM):
             yield error(
                 "slope-steep.neighbour",
@@ -119,7 +125,11 @@ def check_points(case: Case) -> Iterator[Finding]:
         of_kind = [table for table in case.tables if table.kind == kind]
         held = case.controller.limits(of_kind[0], case.profile).tables
         highest = max(
-            (number for table in of_kind if isinstance(number := table.place.get("table"), int)),
+            (
+                number
+                for table in of_kind
+                if isinstance(number := table.place.get("table"), int)
+            ),
             default=-1,
         )
         last = max(highest, len(of_kind) - 1)
@@ -132,7 +142,9 @@ def check_points(case: Case) -> Iterator[Finding]:
         limits = [each for each in (own, case.profile.limits.points) if each is not None]
         count = len(table.position_mm)
         if limits and count > min(limits):
-            yield error("control-full.points", label=table.label, count=count, held=min(limits))
+            yield error(
+                "control-full.points", label=table.label, count=count, held=min(limits)
+            )
 
 
 def check_reference(case: Case) -> Iterator[Finding]:
@@ -140,7 +152,11 @@ def check_reference(case: Case) -> Iterator[Finding]:
     active.
     """
     for table in case.tables:
-        if table.law.ends == "extended" or table.direction < 0 or table.multiplier is not None:
+        if (
+            table.law.ends == "extended"
+            or table.direction < 0
+            or table.multiplier is not None
+        ):
             continue  # a product is zero where its lever, which is another axis, is zero
         at_reference = abs(
             correction_um(table, np.array([table.reference_mm]), table.direction or 1).item()
@@ -180,7 +196,9 @@ def check_units(case: Case) -> Iterator[Finding]:
     """Check 8: the unit system of the control."""
     if case.profile.machine.units != "mm" and case.controller.name in _METRIC_ONLY:
         yield error(
-            "units-not-metric", control=case.controller.title, units=case.profile.machine.units
+            "units-not-metric",
+            control=case.controller.title,
+            units=case.profile.machine.units,
         )
 
 
@@ -216,12 +234,19 @@ def check_quality(case: Case) -> Iterator[Finding]:
     for each in case.result.findings:
         if each.severity == "error":
             yield error("data-quality", code=each.code, what=each.words)
-    largest = max((float(np.max(np.abs(table.absolute_um))) for table in case.tables), default=0.0)
-    spreads = {name: report.repeatability_um or 0.0 for name, report in case.result.setups.items()}
+    largest = max(
+        (float(np.max(np.abs(table.absolute_um))) for table in case.tables), default=0.0
+    )
+    spreads = {
+        name: report.repeatability_um or 0.0 for name, report in case.result.setups.items()
+    }
     worst = max(spreads, key=lambda name: spreads[name], default="")
     if worst and spreads[worst] > largest / 2:
         yield warning(
-            "correction-small.repeatability", setup=worst, um=spreads[worst], largest_um=largest
+            "correction-small.repeatability",
+            setup=worst,
+            um=spreads[worst],
+            largest_um=largest,
         )
     uncertain = [curve for curve in case.curves if np.isfinite(curve.u_um).any()]
     if uncertain and all(
@@ -287,7 +312,11 @@ def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterato
     """
     for table in planned:
         alike = [
-            [other for other in tables if (other.name, other.kind) == (table.name, table.kind)]
+            [
+                other
+                for other in tables
+                if (other.name, other.kind) == (table.name, table.kind)
+            ]
             for tables in (planned, read)
         ]
         meant, found = (movement_um(table, tables) for tables in alike)
@@ -303,7 +332,8 @@ def refuse(findings: Collection[Finding], accept: Collection[str], where: Words)
     refusing = [
         item
         for item in findings
-        if item.severity == "error" or (item.severity == "warning" and not item.is_accepted(accept))
+        if item.severity == "error"
+        or (item.severity == "warning" and not item.is_accepted(accept))
     ]
     if not refusing:
         return
@@ -359,7 +389,9 @@ def _measured_mm(result: Result, table: Table) -> float:
     function = result.errors.get(table.name)
     if function is not None and len(function.position_mm) > 1:
         return float(np.min(np.diff(function.position_mm)))
-    return result.volume.size_mm[AXES.index(table.input_axis.lower())] / result.volume.increments
+    return (
+        result.volume.size_mm[AXES.index(table.input_axis.lower())] / result.volume.increments
+    )
 
 
 def _net_um(case: Case, table: Table) -> Vector:

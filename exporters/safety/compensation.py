@@ -66,7 +66,9 @@ def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
     """Yield ``compensation-unanswered.profile`` if only the profile states the active files."""
     if stated_in(result).state is None and not profile.assumed:
         state = (
-            message("state-on") if profile.machine.measured_with == "on" else message("state-off")
+            message("state-on")
+            if profile.machine.measured_with == "on"
+            else message("state-off")
         )
         yield warning("compensation-unanswered.profile", state=state)
 
@@ -93,7 +95,9 @@ def _require_noted(profile: Profile) -> None:
         return
     noted = {digest.lower() for digest in profile.machine.active_sha256}
     other = [
-        file.name for file in profile.existing if hashlib.sha256(file.data).hexdigest() not in noted
+        file.name
+        for file in profile.existing
+        if hashlib.sha256(file.data).hexdigest() not in noted
     ]
     if other or len(noted) != len(profile.existing):
         raise _differs(profile, message("files-noted-as-active"), [], other)

@@ -59,12 +59,17 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
     )
     for table in read:
         travel = (
-            profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
+            profile.axis(table.input_axis).travel_mm
+            if table.input_axis in profile.axes
+            else None
         )
         if travel is None or table.law.ends == "extended" or not table.value_um.any():
             continue  # zeros have no effect at any position: they remove an old table
         step = float(table.position_mm[1] - table.position_mm[0])
-        if table.position_mm[0] < travel[0] - step or table.position_mm[-1] > travel[1] + step:
+        if (
+            table.position_mm[0] < travel[0] - step
+            or table.position_mm[-1] > travel[1] + step
+        ):
             first, last = table.position_mm[[0, -1]]
             yield error(
                 "beyond-travel",

@@ -129,7 +129,10 @@ def _compared(
 
 def _of_tables(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Finding]:
     """Yield the differences of every written table, and every other active table."""
-    found, known = {table.identity: table for table in held}, {table.identity for table in wanted}
+    found, known = (
+        {table.identity: table for table in held},
+        {table.identity for table in wanted},
+    )
     for table in wanted:
         yield from _of_table(table, found.get(table.identity))
     for identity, table in found.items():
@@ -158,7 +161,9 @@ def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
         if wanted.value_um.any():
             yield error("read-back-differs.absent", label=label)
         return
-    alike = wanted.direction == held.direction and len(wanted.position_mm) == len(held.position_mm)
+    alike = wanted.direction == held.direction and len(wanted.position_mm) == len(
+        held.position_mm
+    )
     if (
         not alike
         or np.max(np.abs(wanted.position_mm - held.position_mm)) > _PLACE_MM
@@ -172,5 +177,10 @@ def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
     if off.any():
         at = int(np.argmax(off))
         where = f"{wanted.input_axis} {wanted.position_mm[at]:g} mm"
-        pair = {"held_um": float(held.absolute_um[at]), "written_um": float(wanted.absolute_um[at])}
-        yield error("read-back-differs", label=label, count=int(off.sum()), where=where, **pair)
+        pair = {
+            "held_um": float(held.absolute_um[at]),
+            "written_um": float(wanted.absolute_um[at]),
+        }
+        yield error(
+            "read-back-differs", label=label, count=int(off.sum()), where=where, **pair
+        )

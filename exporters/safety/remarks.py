@@ -22,7 +22,17 @@ of a good survey.
 
 def remarks(case: Case) -> tuple[Finding, ...]:
     """Return the remarks for the report and the terminal."""
-    makers = (_assumptions, _shape_only, _sign, _coarse, _ends, _state, _reversal, _runs, _data)
+    makers = (
+        _assumptions,
+        _shape_only,
+        _sign,
+        _coarse,
+        _ends,
+        _state,
+        _reversal,
+        _runs,
+        _data,
+    )
     return tuple(one for maker in makers for one in maker(case))
 
 
@@ -114,13 +124,17 @@ def _reversal(case: Case) -> Iterator[Finding]:
         own = [table for table in case.tables if table.name == curve.name]
         both = is_directional(curve, case.profile) and any(table.direction for table in own)
         if curve.reverse_um is not None and not both:
-            ends = any(case.controller.limits(table, case.profile).ends_backlash for table in own)
+            ends = any(
+                case.controller.limits(table, case.profile).ends_backlash for table in own
+            )
             yield from backlash_offered(case.result, curve.input_axis, ends_backlash=ends)
         elif curve.reverse_um is None and case.profile.machine.direction == "both":
             yield info("direction-averaged.chance", name=curve.name)
 
 
-def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Iterator[Finding]:
+def backlash_offered(
+    result: Result, letter: str, *, ends_backlash: bool
+) -> Iterator[Finding]:
     """Yield the backlash of an axis with its U and its place; nothing if the survey has no
     significant backlash.
 

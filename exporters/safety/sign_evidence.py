@@ -72,7 +72,9 @@ def known_um(
             product.by_axis,
         ) == (name[1], name[2], by):
             share = (test.lever[1] - product.middle_mm) / product.half_mm
-            known = known + share * np.interp(position_mm, product.position_mm, product.value_um)
+            known = known + share * np.interp(
+                position_mm, product.position_mm, product.value_um
+            )
     return np.asarray(known)
 
 
@@ -86,7 +88,8 @@ def require_sound(test: Bump, run: SignRun, known: Vector) -> None:
     at = run.position_mm
     if len(at) < FEWEST:
         raise _refused(
-            message("at-least-positions", count=FEWEST), message("so-many-positions", count=len(at))
+            message("at-least-positions", count=FEWEST),
+            message("so-many-positions", count=len(at)),
         )
     ramp = test.beyond_mm is None
     free = np.column_stack([np.ones(len(at)), *([] if ramp else [at - np.mean(at)])])
@@ -120,7 +123,9 @@ def _share(column: Vector, beside: Vector, values: Vector) -> tuple[float, float
     if size < NOISE_UM**2:
         return 0.0, np.inf
     share = float(own @ rest) / size
-    scatter = float(np.sum((rest - share * own) ** 2)) / max(len(values) - beside.shape[1] - 1, 1)
+    scatter = float(np.sum((rest - share * own) ** 2)) / max(
+        len(values) - beside.shape[1] - 1, 1
+    )
     return share, float(np.sqrt(max(scatter, NOISE_UM**2) / size))
 
 
@@ -171,7 +176,9 @@ def record(
 ) -> SignTestRecord:
     """Return the record of a test. Raises ``DataError`` for an undecided test."""
     if shown.sense is None:
-        raise DataError(message("sign-test"), expected=message("test-decides"), found=shown.words)
+        raise DataError(
+            message("sign-test"), expected=message("test-decides"), found=shown.words
+        )
     return SignTestRecord(
         kind=shown.kind,
         date=day,

@@ -128,7 +128,9 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
     letter = function[2]
     grid = profile.grid_mm(letter)
     reference = profile.axis(letter).reference_mm
-    one_way = replace(profile, machine=msgspec.structs.replace(profile.machine, direction="mean"))
+    one_way = replace(
+        profile, machine=msgspec.structs.replace(profile.machine, direction="mean")
+    )
     corners, height = _trapezium(grid, reference, profile.source)
     shape = np.interp(grid, np.sort(corners), [0.0, height, height, 0.0])
     end = float(grid[-1] if corners[3] > corners[0] else grid[0])
@@ -140,7 +142,9 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
     ramp = not plan.tables
     if ramp:
         shape = HEIGHT_UM * (grid - reference) / (end - reference)
-        plan = controller.plan([_curve(function, grid, shape, *_squareness_of(function))], one_way)
+        plan = controller.plan(
+            [_curve(function, grid, shape, *_squareness_of(function))], one_way
+        )
     if not plan.tables:
         expected = message("has-table")
         raise UsageError(
@@ -265,7 +269,9 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
     words = (
         message("sense-shown", moved_um=at_top, sense=sense)
         if right
-        else message("other-sense-shown", moved_um=at_top, sense=sense, written=table.law.sense)
+        else message(
+            "other-sense-shown", moved_um=at_top, sense=sense, written=table.law.sense
+        )
     )
     return Verdict(kind=table.kind, sense=sense, moved_um=at_top, words=words)
 
@@ -310,7 +316,9 @@ def _far_mm(tables: Sequence[Table], grid_mm: Vector) -> float:
     return float(grid_mm[0] if low > high + 1e-9 else grid_mm[-1])
 
 
-def _from_reference(test: Bump, position_mm: Vector, moved_um: Vector) -> tuple[Vector, Vector]:
+def _from_reference(
+    test: Bump, position_mm: Vector, moved_um: Vector
+) -> tuple[Vector, Vector]:
     """Return positions in ascending order and the movement relative to the reference."""
     order = np.argsort(position_mm)
     position, moved = np.asarray(position_mm)[order], moved_um[order]
@@ -319,7 +327,11 @@ def _from_reference(test: Bump, position_mm: Vector, moved_um: Vector) -> tuple[
         test.top_mm,
         test.top_mm if test.beyond_mm is None else test.beyond_mm,
     )
-    if len(position) < 3 or position[0] > min(needed) + 1e-3 or position[-1] < max(needed) - 1e-3:
+    if (
+        len(position) < 3
+        or position[0] > min(needed) + 1e-3
+        or position[-1] < max(needed) - 1e-3
+    ):
         raise DataError(
             message("sign-test"),
             expected=message("positions-from-to-mm", low_mm=min(needed), high_mm=max(needed)),

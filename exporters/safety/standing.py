@@ -37,7 +37,9 @@ class Standing:
         """Return the active tables after loading that the new files did not write."""
         written = {table.identity for table in self.new}
         return tuple(
-            table for table in self.after if table.identity not in written and table.value_um.any()
+            table
+            for table in self.after
+            if table.identity not in written and table.value_um.any()
         )
 
     def lost(self) -> tuple[Table, ...]:
@@ -81,7 +83,10 @@ def identifies(result: Result, table: Table) -> bool:
     function, and the angle of a product.
     """
     if table.multiplier is not None:
-        turns = {0, 1, 2} - {"XYZ".index(table.output_axis), "XYZ".index(table.multiplier.axis)}
+        turns = {0, 1, 2} - {
+            "XYZ".index(table.output_axis),
+            "XYZ".index(table.multiplier.axis),
+        }
         angles = [f"E{'ABC'[turn]}{table.input_axis}" for turn in turns]
         return len(angles) == 1 and result.knows(angles[0])
     fold = FOLD_OTHER if table.name in FOLD_OTHER.values() else FOLD_DEFAULT
@@ -105,7 +110,9 @@ def acts_with(one: Table, other: Table) -> bool:
     )
 
 
-def standing_findings(standing: Standing, result: Result, profile: Profile) -> Iterator[Finding]:
+def standing_findings(
+    standing: Standing, result: Result, profile: Profile
+) -> Iterator[Finding]:
     """Yield an error for every old table that would act unexpectedly, or would unexpectedly stop
     acting.
 
@@ -114,12 +121,16 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
     """
     asked, off = set(profile.machine.functions), profile.machine.measured_with == "off"
     named = {
-        table.name: table for table in standing.new if table.value_um.any() or table.name in asked
+        table.name: table
+        for table in standing.new
+        if table.value_um.any() or table.name in asked
     }
     foreign = {table.identity for table in standing.foreign()}
     for table in standing.staying:
         if table.name in named and table.identity not in foreign:
-            yield error("old-table-left-active", label=table.label, other=named[table.name].label)
+            yield error(
+                "old-table-left-active", label=table.label, other=named[table.name].label
+            )
         elif table.identity in foreign:
             yield error("old-table-left-active.part-left", label=table.label)
         elif table.multiplier is not None and off and not identifies(result, table):
@@ -131,9 +142,15 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
         if table.name not in asked and unseen:
             yield error("old-table-lost", label=table.label)
     for table in standing.new:
-        old = [each for each in standing.before if each.name == table.name and each.value_um.any()]
+        old = [
+            each
+            for each in standing.before
+            if each.name == table.name and each.value_um.any()
+        ]
         if old and table.multiplier is None and table.value_um.any():
-            yield from () if table.law.ends == "extended" else _shrunk(table, old, standing.new)
+            yield from (
+                () if table.law.ends == "extended" else _shrunk(table, old, standing.new)
+            )
             if off and not identifies(result, table):
                 yield from _slope_lost(table, old)
 
@@ -144,7 +161,9 @@ def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
     """
     for table in new:
         if table.multiplier is None and acts_with(product, table) and table.value_um.any():
-            yield error("old-table-left-active.beside-new", label=product.label, other=table.label)
+            yield error(
+                "old-table-left-active.beside-new", label=product.label, other=table.label
+            )
             return
 
 

@@ -149,11 +149,15 @@ def _of_function(function: Function, name: str, tables: Sequence[Table]) -> Shar
     return _seen(name, tables, fit.factor, u, fit.rest_um / fit.asked_um)
 
 
-def _of_squareness(result: Result, name: str, named: Mapping[str, Sequence[Table]]) -> Share | None:
+def _of_squareness(
+    result: Result, name: str, named: Mapping[str, Sequence[Table]]
+) -> Share | None:
     """Return the share of a squareness within the slopes of the old tables of its two
     straightnesses."""
     found = result.squareness.get(name)
-    tables = [table for function in SQUARENESS_SLOPE[name] for table in named.get(function, ())]
+    tables = [
+        table for function in SQUARENESS_SLOPE[name] for table in named.get(function, ())
+    ]
     if found is None or found.value is None or found.u is None or not tables:
         return None
     old_urad = 0.0
@@ -220,9 +224,9 @@ def _group(kind: str, members: Sequence[Share]) -> Judged:
     weights = np.array([(share.u**2 + CHANGED**2) ** -1.0 for share in members])
     value = float(weights @ [share.value for share in members] / weights.sum())
     on, off = (_log_likelihood(members, acted=acted) for acted in (True, False))
-    alien = sum(-0.5 * (share.value / ALIEN) ** 2 - np.log(ALIEN) for share in members) + np.log(
-        ALIEN_ODDS
-    )
+    alien = sum(
+        -0.5 * (share.value / ALIEN) ** 2 - np.log(ALIEN) for share in members
+    ) + np.log(ALIEN_ODDS)
     odds = {
         state: float(one - np.logaddexp(other, alien))
         for state, one, other in (("on", on, off), ("off", off, on))
@@ -249,7 +253,9 @@ def _log_sizes(members: Sequence[Share], *, acted: bool) -> Vector:
     logs: Vector = -0.5 * (_LOG_K / SIZES) ** 2
     for share in members:
         alien = np.log(ALIEN_ODDS / ALIEN) - 0.5 * (share.value / ALIEN) ** 2
-        logs = logs + np.logaddexp(np.log(1 - ALIEN_ODDS) + _log_fit(share, acted=acted), alien)
+        logs = logs + np.logaddexp(
+            np.log(1 - ALIEN_ODDS) + _log_fit(share, acted=acted), alien
+        )
     return logs
 
 
@@ -260,7 +266,9 @@ def _log_fit(share: Share, *, acted: bool) -> Vector:
     whole = np.exp(-_LOG_K)
     u = np.hypot(share.u, CHANGED * whole)
     unlike = np.maximum((share.rest / u) ** 2 - 1.0, 0.0)
-    return np.asarray(-np.log(u) - 0.5 * ((share.value - whole + acted) / u) ** 2 - 0.5 * unlike)
+    return np.asarray(
+        -np.log(u) - 0.5 * ((share.value - whole + acted) / u) ** 2 - 0.5 * unlike
+    )
 
 
 def apart(group: Judged, *, acted: bool, least: float) -> list[str]:
@@ -311,12 +319,15 @@ def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iter
     """
     for group in judged(shares(result, tables)):
         each = [
-            message("share-of-table", name=share.name, share=share.value) for share in group.shares
+            message("share-of-table", name=share.name, share=share.value)
+            for share in group.shares
         ]
         acted, shown = stated == "on", group.odds[stated] >= CERTAIN
         against = group.odds["off" if acted else "on"]
         if shown and (alone := apart(group, acted=acted, least=CERTAIN)):
-            yield warning("compensation-contradicted.one", names=alone, each=each, stated=stated)
+            yield warning(
+                "compensation-contradicted.one", names=alone, each=each, stated=stated
+            )
         elif against > DOUBTED or not shown or apart(group, acted=acted, least=DOUBTED):
             text = message(
                 _key(against),

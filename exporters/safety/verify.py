@@ -68,7 +68,9 @@ class Figures:
     def of(cls, errors_um: Vector) -> "Figures":
         """Return the figures of error vectors, shape (N, 3)."""
         length = np.linalg.norm(errors_um, axis=1)
-        return cls(largest_um=float(np.max(length)), rms_um=float(np.sqrt(np.mean(length**2))))
+        return cls(
+            largest_um=float(np.max(length)), rms_um=float(np.sqrt(np.mean(length**2)))
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +184,10 @@ class Verification:
 
 
 def predict(
-    result: Result, tables: Sequence[Table], replaced: Sequence[Table] = (), nodes: int = NODES
+    result: Result,
+    tables: Sequence[Table],
+    replaced: Sequence[Table] = (),
+    nodes: int = NODES,
 ) -> Prediction:
     """Return the effect of ``tables`` on the error field of the result, mean of both directions of
     travel.
@@ -266,7 +271,10 @@ def predict_moved(
 
 
 def verify_files(
-    result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES
+    result: Result,
+    files: Sequence[ControlFile],
+    profile: Profile | None = None,
+    nodes: int = NODES,
 ) -> Verification:
     """Return the identity of a controller's files, recognised by their contents, and their effect
     on the machine of the result.
@@ -315,9 +323,9 @@ def acting_in(
     """Return the active tables after loading the files, and the tables active during the
     measurement of the result.
     """
-    return _standing(controller, files, tables_in(controller, files, profile), profile).acting(
-        result, profile
-    )
+    return _standing(
+        controller, files, tables_in(controller, files, profile), profile
+    ).acting(result, profile)
 
 
 def _standing(
@@ -332,7 +340,9 @@ def _standing(
     if not profile.existing:
         return Standing(after=tables, new=tables)
     tables_in(controller, profile.existing, profile)
-    before, after = (controller.standing(profile.existing, new, profile) for new in ((), files))
+    before, after = (
+        controller.standing(profile.existing, new, profile) for new in ((), files)
+    )
     return Standing(before=before, after=after, new=tables)
 
 
@@ -368,7 +378,9 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
     effect = prediction.anywhere
     if not prediction.clearly_worse:
         beside = effect.before_um - error_field_um(result, effect.points_mm)
-        for one in harmed(result, effect.points_mm, effect.after_um - effect.before_um, beside):
+        for one in harmed(
+            result, effect.points_mm, effect.after_um - effect.before_um, beside
+        ):
             yield warning(
                 "stretch-worse",
                 axis=one.axis,
@@ -385,7 +397,9 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
         yield warning("increments-coarse.verify", names=names)
 
 
-def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: int) -> Verification:
+def _of_lattice(
+    result: Result, held: Lattice, profile: Profile | None, nodes: int
+) -> Verification:
     """Return the identity of a lattice, function by function, in place of the active lattice of the
     profile.
     """
@@ -416,14 +430,20 @@ def controller_for(files: Sequence[ControlFile]) -> Controller:
     """Return the control for which the profile of files is written; a lattice alone belongs to
     LinuxCNC's kinematics component.
     """
-    return LinuxCnc() if len(files) == 1 and lattice.recognises(files[0]) else controller_of(files)
+    return (
+        LinuxCnc()
+        if len(files) == 1 and lattice.recognises(files[0])
+        else controller_of(files)
+    )
 
 
 def controller_of(files: Sequence[ControlFile]) -> Controller:
     """Return the one controller whose format all files have. Raises ``DataError``."""
     named: dict[str, str] = {}
     for file in files:
-        names = [name for name, controller in CONTROLLERS.items() if controller.recognises(file)]
+        names = [
+            name for name, controller in CONTROLLERS.items() if controller.recognises(file)
+        ]
         if len(names) != 1:
             raise DataError(
                 file.name,

@@ -148,7 +148,10 @@ class Siemens:
             else options.cec_tables_held - options.first_cec_table
         )
         budget = chosen(
-            curves, {curve.name: _cec_tables(curve, profile) for curve in curves}, products, held
+            curves,
+            {curve.name: _cec_tables(curve, profile) for curve in curves},
+            products,
+            held,
         )
         kept = [
             curve
@@ -169,7 +172,9 @@ class Siemens:
         options = profile.options_as(SiemensOptions)
         numbers = _free_numbers(options)
         tables = [
-            table for curve in curves for table in _curve_tables(curve, profile, options, numbers)
+            table
+            for curve in curves
+            for table in _curve_tables(curve, profile, options, numbers)
         ]
         levers: dict[tuple[str, str], int] = {}
         for product in products:
@@ -179,7 +184,9 @@ class Siemens:
                 levers[key] = next(numbers)
             place = {"table": number, cec.TIMES: levers[key]}
             tables.append(
-                product_table(product, profile, cec.law(options.cec_sense), options.decimals, place)
+                product_table(
+                    product, profile, cec.law(options.cec_sense), options.decimals, place
+                )
             )
         return Plan(tables=tuple(tables), findings=(*findings, *_remarks(tables, options)))
 
@@ -205,7 +212,9 @@ class Siemens:
         cec_loads = [
             Load(
                 table=table,
-                lines=cec.assignments(table, profile, options.decimals, options.cec_points or 0),
+                lines=cec.assignments(
+                    table, profile, options.decimals, options.cec_points or 0
+                ),
                 held=held(table),
                 acted=acted and not restore.is_idle(table, profile),
             )
@@ -214,12 +223,18 @@ class Siemens:
         files: list[ControlFile] = []
         if eec_loads:
             data = data_file(
-                "AX_EEC", [load.lines for load in eec_loads], notes, metric_line=options.metric_line
+                "AX_EEC",
+                [load.lines for load in eec_loads],
+                notes,
+                metric_line=options.metric_line,
             )
             files += [data, loader.eec_program(eec_loads, notes)]
         if cec_loads:
             data = data_file(
-                "NC_CEC", [load.lines for load in cec_loads], notes, metric_line=options.metric_line
+                "NC_CEC",
+                [load.lines for load in cec_loads],
+                notes,
+                metric_line=options.metric_line,
             )
             files += [data, loader.cec_program(cec_loads, profile, notes)]
         return tuple(files)
@@ -276,7 +291,9 @@ class Siemens:
             if seat not in written and restore.is_idle(table, profile, outputs)
         }
         acting = [
-            table for seat, table in held.items() if seat not in idle and _acts(table, profile)
+            table
+            for seat, table in held.items()
+            if seat not in idle and _acts(table, profile)
         ]
         return joined(acting, ", ".join(file.name for file in (*own, *new)))
 
@@ -286,7 +303,9 @@ class Siemens:
         """Return zeros for old tables of the same functions under other numbers, and for tables
         that multiplied an overwritten table.
         """
-        held = {_seat(table): table for file in own for table in self._numbered_in(file, profile)}
+        held = {
+            _seat(table): table for file in own for table in self._numbered_in(file, profile)
+        }
         taken = {_seat(table) for table in numbered(tables)}
         names = {table.name for table in tables}
         needed: set[tuple[str, str]] = set()
@@ -307,7 +326,9 @@ class Siemens:
             [
                 replace(
                     table,
-                    place={key: value for key, value in table.place.items() if key != cec.TIMES},
+                    place={
+                        key: value for key, value in table.place.items() if key != cec.TIMES
+                    },
                 )
                 for table in gone
             ]
@@ -326,13 +347,17 @@ class Siemens:
         options = profile.options_as(SiemensOptions)
         of_screws = [table for table in tables if table.kind == eec.KIND]
         others = [table for table in tables if table.kind != eec.KIND]
-        old = restore.Old(profile=profile, enabled=options.old_enabled, weight=options.old_weight)
+        old = restore.Old(
+            profile=profile, enabled=options.old_enabled, weight=options.old_weight
+        )
         kinds = []
         if of_screws:
             kinds.append(restore.eec_kind(of_screws, profile, options.decimals, old))
         if others:
             kinds.append(
-                restore.cec_kind(others, profile, options.decimals, old, sense=options.cec_sense)
+                restore.cec_kind(
+                    others, profile, options.decimals, old, sense=options.cec_sense
+                )
             )
         return restore.restore_files(kinds, profile, metric_line=options.metric_line)
 
@@ -481,7 +506,9 @@ def _chosen_remarks(budget: Budget, options: SiemensOptions) -> Iterator[Finding
         yield info("products-possible.written", held=held)
     if budget.left_out:
         yield info(
-            "function-left-out.tables", held=str(options.cec_tables_held), left_out=budget.left_out
+            "function-left-out.tables",
+            held=str(options.cec_tables_held),
+            left_out=budget.left_out,
         )
 
 
@@ -529,9 +556,8 @@ def _require_full_effect(file: ControlFile, table: Table, profile: Profile) -> N
     if not is_program(file) or not table.value_um.any():
         return
     if table.kind == eec.KIND:
-        switch = (
-            f"MA_ENC_COMP_ENABLE[{int(table.place['measuring system']) - 1},{table.place['axis']}]"
-        )
+        system, axis = int(table.place["measuring system"]), table.place["axis"]
+        switch = f"MA_ENC_COMP_ENABLE[{system - 1},{axis}]"
         require_full_effect(file, table.label, (switch,), "")
         return
     number, axis = table.place["table"], profile.axis(table.output_axis).name

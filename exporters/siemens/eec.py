@@ -73,7 +73,9 @@ def _eec_table(
     step, start, end, modulo = (head[name].number() for name in _HEAD)
     if modulo:
         raise DataError(
-            head[_HEAD[3]].where, expected=message("linear-modulo"), found=message("rotary-axis")
+            head[_HEAD[3]].where,
+            expected=message("linear-modulo"),
+            found=message("rotary-axis"),
         )
     letter = profile.letter_of(axis, head[_HEAD[0]].where)
     held = read_points(points, step, start, end, where)

@@ -88,13 +88,18 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
             if match["name"].startswith(_COMPENSATION):
                 index = tuple(part.strip() for part in match["index"].split(","))
                 found.append(
-                    Assignment(name=match["name"], index=index, value=match["value"], where=where)
+                    Assignment(
+                        name=match["name"], index=index, value=match["value"], where=where
+                    )
                 )
         elif _SWITCH.match(line):
             continue
         elif line == "INCH":
             raise DataError(
-                where, expected=message("metric-file"), found="INCH", remedy=message("metric-back")
+                where,
+                expected=message("metric-file"),
+                found="INCH",
+                remedy=message("metric-back"),
             )
         elif _END.match(line):
             ended = True

@@ -92,7 +92,8 @@ def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -
     indices = [table.place["table"] for table in tables]
     body = ["IF $MN_SCALING_SYSTEM_IS_METRIC==0 GOTOF NOT_METRIC"]
     body += [
-        f"IF $MA_CEC_SCALING_SYSTEM_METRIC[{axis}]==0 GOTOF NOT_METRIC" for axis in outputs.values()
+        f"IF $MA_CEC_SCALING_SYSTEM_METRIC[{axis}]==0 GOTOF NOT_METRIC"
+        for axis in outputs.values()
     ]
     body += [
         f"IF $MN_MM_CEC_MAX_POINTS[{index}]<{len(table.position_mm)} GOTOF TOO_SMALL"
@@ -151,7 +152,9 @@ def _acted(load: Load, *unlike: str) -> list[str]:
 
 def _weighed_mm(assignments: Sequence[str]) -> float:
     points = (
-        line.partition("[")[2].partition("]=") for line in assignments if line.startswith(_POINTS)
+        line.partition("[")[2].partition("]=")
+        for line in assignments
+        if line.startswith(_POINTS)
     )
     return sum((int(index.split(",")[1]) + 1) * float(value) for index, _, value in points)
 
@@ -172,7 +175,9 @@ def _largest_sums(tables: Sequence[Table], outputs: Mapping[str, str]) -> dict[s
     """Return, per output axis name, a bound in mm of the sum of all its tables."""
     return {
         name: sum(
-            float(np.max(np.abs(table.value_um))) for table in tables if table.output_axis == letter
+            float(np.max(np.abs(table.value_um)))
+            for table in tables
+            if table.output_axis == letter
         )
         / 1000.0
         for letter, name in outputs.items()

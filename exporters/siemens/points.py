@@ -47,7 +47,11 @@ def grid_lines(table: Table, variable: str, place: str) -> list[str]:
 
 
 def read_points(
-    written: Mapping[int, Assignment], step_mm: float, start_mm: float, end_mm: float, where: str
+    written: Mapping[int, Assignment],
+    step_mm: float,
+    start_mm: float,
+    end_mm: float,
+    where: str,
 ) -> Points:
     """Return the points of a table; every one up to its last must have been written
     (``DataError``).
@@ -79,5 +83,7 @@ def _quantum_um(written: Mapping[int, Assignment]) -> float:
     """Return the unit of the last decimal written in a file, in um; at least the 0.1 um of four
     decimals.
     """
-    decimals = max((len(item.value.partition(".")[2]) for item in written.values()), default=4)
+    decimals = max(
+        (len(item.value.partition(".")[2]) for item in written.values()), default=4
+    )
     return 1000.0 * 10.0 ** -max(decimals, 4)

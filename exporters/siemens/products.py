@@ -37,7 +37,11 @@ with three axes.
 
 
 def product_table(
-    product: Product, profile: Profile, law: Law, decimals: int, place: Mapping[str, int | str]
+    product: Product,
+    profile: Profile,
+    law: Law,
+    decimals: int,
+    place: Mapping[str, int | str],
 ) -> Table:
     """Return the table of a product on the grids of its two axes, to the common resolution of both
     tables.
@@ -112,7 +116,9 @@ def chosen(
 
 def taken_by(products: Sequence[Product]) -> int:
     """Return the number of tables needed by these products, levers included."""
-    return len(products) + len({(product.by_axis, product.output_axis) for product in products})
+    return len(products) + len(
+        {(product.by_axis, product.output_axis) for product in products}
+    )
 
 
 def _most_valuable(
@@ -184,7 +190,9 @@ def joined(tables: Sequence[Table], where: str) -> tuple[Table, ...]:
     Raises ``DataError`` for a link to a missing table, to a linked table, or to a table that does
     not move the same axis.
     """
-    by_number = {int(table.place["table"]): table for table in tables if table.kind == cec.KIND}
+    by_number = {
+        int(table.place["table"]): table for table in tables if table.kind == cec.KIND
+    }
     linked = {
         number: int(table.place[TIMES])
         for number, table in by_number.items()

@@ -123,7 +123,10 @@ def switches(tables: Sequence[Table], profile: Profile) -> dict[str, str]:
             ] = "1"
         else:
             index = table.place["table"]
-            wanted |= {f"SN_CEC_TABLE_ENABLE[{index}]": "1", f"SN_CEC_TABLE_WEIGHT[{index}]": "1"}
+            wanted |= {
+                f"SN_CEC_TABLE_ENABLE[{index}]": "1",
+                f"SN_CEC_TABLE_WEIGHT[{index}]": "1",
+            }
             wanted[f"MA_CEC_ENABLE[{profile.axis(table.output_axis).name}]"] = "1"
     return wanted
 

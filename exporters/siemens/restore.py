@@ -68,7 +68,9 @@ class Old:
         active = not off and (
             known
             or acted
-            or self._stated(table, self.enabled, "old_enabled", message("whether-switched-on"))
+            or self._stated(
+                table, self.enabled, "old_enabled", message("whether-switched-on")
+            )
         )
         weighs = 1.0
         if weight:
@@ -164,7 +166,9 @@ def cec_kind(
             for place, table in own.items()
         ),
         zeros=tuple(
-            Load(table=table, lines=cec.assignments(table, profile, decimals, 0), active=False)
+            Load(
+                table=table, lines=cec.assignments(table, profile, decimals, 0), active=False
+            )
             for table in products.numbered(zeroed(tables))
             if _cec_place(table) not in own
         ),
@@ -228,7 +232,8 @@ def _lines_by_place(
                 here.setdefault(place_of(item.index), []).append(item)
         for place, items in here.items():
             found.setdefault(
-                place, [item.text() for item in sorted(items, key=lambda item: item.name != prefix)]
+                place,
+                [item.text() for item in sorted(items, key=lambda item: item.name != prefix)],
             )
     return found
 

@@ -134,7 +134,9 @@ def _relative_urad(
             if not levers[moving, by]:
                 raise UsageError(
                     f"{profile.source}: {profile.machine.controller}.chain",
-                    expected=message("chain-carried", by=product.by_axis, axis=product.input_axis),
+                    expected=message(
+                        "chain-carried", by=product.by_axis, axis=product.input_axis
+                    ),
                     found=product.name,
                 )
             return (
@@ -169,7 +171,9 @@ def _move(
             )
             continue
         curves[along] = _plus(
-            curves[along], angle.position_mm, -sign * relative_urad * middles.get(_LETTERS[by], 0.0)
+            curves[along],
+            angle.position_mm,
+            -sign * relative_urad * middles.get(_LETTERS[by], 0.0),
         )
         across = curves[f"E{_LETTERS[output]}{_LETTERS[by]}"]
         ends = across.position_mm[[0, -1]]

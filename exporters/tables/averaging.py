@@ -17,7 +17,9 @@ from stepdiag.exporters.tables.sampling import is_directional
 
 def averaging(profile: Profile) -> Profile:
     """Return the profile with the mean of both directions."""
-    return replace(profile, machine=msgspec.structs.replace(profile.machine, direction="mean"))
+    return replace(
+        profile, machine=msgspec.structs.replace(profile.machine, direction="mean")
+    )
 
 
 def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:

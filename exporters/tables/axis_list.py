@@ -177,7 +177,9 @@ class AxisList:
     def _read(self, file: ControlFile, profile: Profile) -> Iterator[Table]:
         require_end(file, _MARK, _END)
         lines = [
-            (where, line) for where, line in read_lines(file) if line and not line.startswith(";")
+            (where, line)
+            for where, line in read_lines(file)
+            if line and not line.startswith(";")
         ]
         if (
             len(lines) < 4
@@ -191,13 +193,19 @@ class AxisList:
                 found=message("count-lines", count=len(lines)),
             )
         letter = profile.letter_of(lines[0][1].removeprefix("AXIS "), lines[0][0])
-        rows = [[finite(cell, where) for cell in line.split(";")] for where, line in lines[2:]]
+        rows = [
+            [finite(cell, where) for cell in line.split(";")] for where, line in lines[2:]
+        ]
         if any(len(row) != 3 for row in rows) or any(
             later[0] <= row[0] for row, later in pairwise(rows)
         ):
-            raise DataError(file.name, expected=message("rows-three"), found=message("other-ones"))
+            raise DataError(
+                file.name, expected=message("rows-three"), found=message("other-ones")
+            )
         position, forward, reverse = np.array(rows).T
-        for direction, error in ((1, forward), (-1, reverse)) if reverse.any() else ((0, forward),):
+        for direction, error in (
+            ((1, forward), (-1, reverse)) if reverse.any() else ((0, forward),)
+        ):
             yield Table(
                 kind=self.kind,
                 input_axis=letter,

@@ -81,7 +81,9 @@ class Curve:
     def mean_um(self) -> Vector:
         """Return the mean of both directions, shape of ``position_mm``."""
         return (
-            self.forward_um if self.reverse_um is None else (self.forward_um + self.reverse_um) / 2
+            self.forward_um
+            if self.reverse_um is None
+            else (self.forward_um + self.reverse_um) / 2
         )
 
     def at(self, position_mm: Vector, direction: int = 0) -> Vector:
@@ -110,7 +112,9 @@ def curves_of(
     function of another pair.
     """
     if len(set(names)) != len(names):
-        raise UsageError("functions", expected=message("function-once"), found=", ".join(names))
+        raise UsageError(
+            "functions", expected=message("function-once"), found=", ".join(names)
+        )
     slopes = _folded_slopes(result, names, fold)
     return tuple(_curve(result, name, slopes.get(name, {})) for name in names)
 
@@ -125,7 +129,9 @@ def _folded_slopes(
         if target not in pair:
             raise UsageError(
                 f"squareness_into.{squareness}",
-                expected=message("or-list", items=list(pair)) if pair else message("a-squareness"),
+                expected=message("or-list", items=list(pair))
+                if pair
+                else message("a-squareness"),
                 found=repr(target),
             )
         if target in names:
@@ -149,7 +155,9 @@ def _squareness_urad(result: Result, name: str) -> float:
 
 def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
     if name not in FUNCTIONS:
-        raise UsageError("functions", expected=message("one-of", names=FUNCTIONS), found=repr(name))
+        raise UsageError(
+            "functions", expected=message("one-of", names=FUNCTIONS), found=repr(name)
+        )
     function = result.errors.get(name)
     if function is None or function.value is None:
         raise DataError(

@@ -121,7 +121,9 @@ def fitted(
         fold,
     )
     return Fitted(
-        curves=tuple(_with(curves[name], added[name], _sources(terms, name)) for name in names),
+        curves=tuple(
+            _with(curves[name], added[name], _sources(terms, name)) for name in names
+        ),
         products=tuple(sorted(_products(terms, ends), key=lambda product: -product.rms_um)),
     )
 
@@ -164,7 +166,10 @@ def _ends(volume: Volume, zone: Zone) -> list[tuple[float, float]]:
 
 def _angular(result: Result) -> Iterator[_Term]:
     """Yield the terms of every angular function in the result; 1 urad over 1 mm is 0.001 um."""
-    mask, levers = abbe_mask(result.chain), cross_matrix(np.eye(3))  # levers[b] @ turn = e_b x turn
+    mask, levers = (
+        abbe_mask(result.chain),
+        cross_matrix(np.eye(3)),
+    )  # levers[b] @ turn = e_b x turn
     for moving, letter in enumerate(_LETTERS):
         for turn, word in enumerate(_TURNS):
             function = result.errors.get(f"E{word}{letter}")
@@ -174,7 +179,11 @@ def _angular(result: Result) -> Iterator[_Term]:
                 for output in range(3):
                     sign = -levers[by][output, turn]
                     if sign:
-                        u = np.zeros(len(function.value)) if function.u is None else function.u
+                        u = (
+                            np.zeros(len(function.value))
+                            if function.u is None
+                            else function.u
+                        )
                         yield _Term(
                             output=output,
                             input=moving,
@@ -214,7 +223,8 @@ def _mean(term: _Term, ends: Sequence[tuple[float, float]]) -> float:
     """Return alpha_bar, the mean of the term's angle over the zone."""
     fine = np.linspace(*ends[term.input], _FINE)
     return float(
-        np.trapezoid(np.interp(fine, term.position_mm, term.per_mm_um), fine) / (fine[-1] - fine[0])
+        np.trapezoid(np.interp(fine, term.position_mm, term.per_mm_um), fine)
+        / (fine[-1] - fine[0])
     )
 
 
@@ -229,7 +239,8 @@ class _Added:
     def sloped(self, um_per_mm: float) -> "_Added":
         """Return the addition with one straight line more."""
         return replace(
-            self, value_um=self.value_um + um_per_mm * (self.position_mm - self.position_mm[0])
+            self,
+            value_um=self.value_um + um_per_mm * (self.position_mm - self.position_mm[0]),
         )
 
     @property
@@ -251,7 +262,10 @@ def _added(
     index = _LETTERS.index(moving)
     at = np.unique(
         np.concatenate(
-            [result.volume.nodes_mm(index), *(t.position_mm for t in terms if t.input == index)]
+            [
+                result.volume.nodes_mm(index),
+                *(t.position_mm for t in terms if t.input == index),
+            ]
         )
     )
     if any(term.by == term.input == index for term in terms):  # bent between the nodes
@@ -283,9 +297,9 @@ def _folded(added: Mapping[str, _Added], fold: Mapping[str, str]) -> dict[str, _
     """
     result = dict(added)
     for squareness, target in fold.items():
-        (other,) = [name for name in SQUARENESS_SLOPE.get(squareness, {}) if name != target] or [
-            target
-        ]
+        (other,) = [
+            name for name in SQUARENESS_SLOPE.get(squareness, {}) if name != target
+        ] or [target]
         if other != target:
             slope = result[other].slope
             result[other] = result[other].sloped(-slope)
@@ -326,19 +340,26 @@ def _sources(terms: Sequence[_Term], name: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(mine))
 
 
-def _products(terms: Sequence[_Term], ends: Sequence[tuple[float, float]]) -> Iterator[Product]:
+def _products(
+    terms: Sequence[_Term], ends: Sequence[tuple[float, float]]
+) -> Iterator[Product]:
     """Yield the third summand of the terms, joined for terms with the same three axes."""
     keys = dict.fromkeys(
         (term.output, term.input, term.by) for term in terms if term.by != term.input
     )
     for output, moving, by in keys:
         alike = [
-            term for term in terms if (term.output, term.input, term.by) == (output, moving, by)
+            term
+            for term in terms
+            if (term.output, term.input, term.by) == (output, moving, by)
         ]
         at = np.unique(np.concatenate([term.position_mm for term in alike]))
         half = (ends[by][1] - ends[by][0]) / 2
         value = half * sum(
-            (np.interp(at, term.position_mm, term.per_mm_um) - _mean(term, ends) for term in alike),
+            (
+                np.interp(at, term.position_mm, term.per_mm_um) - _mean(term, ends)
+                for term in alike
+            ),
             np.zeros(at.shape),
         )
         fine = np.linspace(*ends[moving], _FINE)
@@ -348,7 +369,10 @@ def _products(terms: Sequence[_Term], ends: Sequence[tuple[float, float]]) -> It
         if rms > _NOTHING_UM:
             u = half * np.sqrt(
                 sum(
-                    (np.interp(at, term.position_mm, term.u_per_mm_um) ** 2 for term in alike),
+                    (
+                        np.interp(at, term.position_mm, term.u_per_mm_um) ** 2
+                        for term in alike
+                    ),
                     np.zeros(at.shape),
                 )
             )

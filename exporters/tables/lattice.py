@@ -74,7 +74,9 @@ def lattice_of(result: Result, step_mm: float | Sequence[float]) -> Lattice:
     """
     if not result.volume.solid:
         raise DataError(
-            f"{result.source}: volume", expected=message("of-volume"), found=message("axes-alone")
+            f"{result.source}: volume",
+            expected=message("of-volume"),
+            found=message("axes-alone"),
         )
     steps_mm = np.broadcast_to(step_mm, 3).tolist()
     count = math.prod(
@@ -83,7 +85,9 @@ def lattice_of(result: Result, step_mm: float | Sequence[float]) -> Lattice:
     if not count <= MOST_LINES:
         found = ", ".join(f"{each:g}" for each in dict.fromkeys(steps_mm))
         raise UsageError(
-            "--step-mm", expected=message("vertices-step", count=MOST_LINES), found=f"{found} mm"
+            "--step-mm",
+            expected=message("vertices-step", count=MOST_LINES),
+            found=f"{found} mm",
         )
     x, y, z = (_axis(result.volume, index, each) for index, each in enumerate(steps_mm))
     return lattice_on(result, (x, y, z))
@@ -99,21 +103,30 @@ def lattice_on(
     """
     points = np.stack(np.meshgrid(*axes_mm, indexing="ij"), axis=-1).reshape(-1, 3)
     low = np.asarray(result.volume.origin_mm)
-    vectors = -error_field_um(result, np.clip(points, low, low + np.asarray(result.volume.size_mm)))
+    vectors = -error_field_um(
+        result, np.clip(points, low, low + np.asarray(result.volume.size_mm))
+    )
     if active is not None:
         vectors = vectors + active.correction_um(points)
     shape = tuple(len(axis) for axis in axes_mm)
-    return Lattice(axes_mm=axes_mm, vectors_um=np.round(vectors, _DECIMALS).reshape(*shape, 3))
+    return Lattice(
+        axes_mm=axes_mm, vectors_um=np.round(vectors, _DECIMALS).reshape(*shape, 3)
+    )
 
 
 def render(lattice: Lattice) -> ControlFile:
     """Return ``lattice.csv``: one row a vertex, z fastest, vectors to a nanometre."""
     rows = [HEADER]
     for index in np.ndindex(lattice.vectors_um.shape[:3]):
-        place = [shortest(float(axis[n])) for axis, n in zip(lattice.axes_mm, index, strict=True)]
+        place = [
+            shortest(float(axis[n])) for axis, n in zip(lattice.axes_mm, index, strict=True)
+        ]
         rows.append(
             ",".join(
-                [*place, *(fixed(float(value), _DECIMALS) for value in lattice.vectors_um[index])]
+                [
+                    *place,
+                    *(fixed(float(value), _DECIMALS) for value in lattice.vectors_um[index]),
+                ]
             )
         )
     return ControlFile(name="lattice.csv", data=ascii_lines(rows))
@@ -156,7 +169,9 @@ def parse(file: ControlFile) -> Lattice:
             found=message("count-rows", count=len(rows)),
             remedy=message("mixed-up"),
         )
-    return Lattice(axes_mm=(axes[0], axes[1], axes[2]), vectors_um=rows[:, 3:].reshape(*shape, 3))
+    return Lattice(
+        axes_mm=(axes[0], axes[1], axes[2]), vectors_um=rows[:, 3:].reshape(*shape, 3)
+    )
 
 
 def _axis(volume: Volume, index: int, step_mm: float) -> Vector:

@@ -19,7 +19,9 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, joined, steps_um, summed_um
 
 
-def merged(curves: Sequence[Curve], active: Sequence[Table], profile: Profile) -> tuple[Curve, ...]:
+def merged(
+    curves: Sequence[Curve], active: Sequence[Table], profile: Profile
+) -> tuple[Curve, ...]:
     """Return the curves of the machine without the ``active`` tables.
 
     Raises ``SafetyError`` (``direction-unfit.active``) if an active table acts in a single
@@ -56,7 +58,9 @@ def _merged(curve: Curve, active: Sequence[Table], profile: Profile) -> Curve:
     )
 
 
-def _without(curve: Curve, active: Sequence[Table], grid_mm: Vector, direction: int) -> Vector:
+def _without(
+    curve: Curve, active: Sequence[Table], grid_mm: Vector, direction: int
+) -> Vector:
     """Return the error of the bare machine on a grid.
 
     The residual is known at the measured positions, including the control's action there: its

@@ -68,7 +68,9 @@ class MachineSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
     units: Literal["mm", "inch"] = "mm"
     direction: Literal["mean", "both"] = "mean"
     functions: list[str] = msgspec.field(default_factory=lambda: list(FUNCTIONS))
-    squareness_into: dict[str, str] = msgspec.field(default_factory=lambda: dict(FOLD_DEFAULT))
+    squareness_into: dict[str, str] = msgspec.field(
+        default_factory=lambda: dict(FOLD_DEFAULT)
+    )
     existing: Annotated[list[PlainPath], msgspec.Meta(max_length=MOST_EXISTING)] = []
     active_sha256: list[str] = []
 
@@ -104,7 +106,8 @@ class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_
         priority.
         """
         warn, change = (
-            max(SHORTEST_TRAVEL_MM, travel_mm) * um_m / 1000.0 for um_m in (WARN_UM_M, CHANGE_UM_M)
+            max(SHORTEST_TRAVEL_MM, travel_mm) * um_m / 1000.0
+            for um_m in (WARN_UM_M, CHANGE_UM_M)
         )
         return TravelLimits(
             value_um=self.value_um or 2.0 * warn,
@@ -153,7 +156,11 @@ class SignTestRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
 
 
 def _toml(value: str | date | list[str]) -> str:
-    return value.isoformat() if isinstance(value, date) else json.dumps(value, ensure_ascii=False)
+    return (
+        value.isoformat()
+        if isinstance(value, date)
+        else json.dumps(value, ensure_ascii=False)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,7 +217,10 @@ class Profile:
         names = {axis.name: letter for letter, axis in self.axes.items()}
         if name not in names:
             raise UsageError(
-                where, expected=message("axis-named"), found=name, remedy=nearest(name, list(names))
+                where,
+                expected=message("axis-named"),
+                found=name,
+                remedy=nearest(name, list(names)),
             )
         return names[name]
 

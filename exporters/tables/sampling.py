@@ -49,7 +49,9 @@ def absolute_tables(
     values.
     """
     grid, forward, reverse = sampled_um(curve, profile)
-    ways = ((1, forward), (-1, reverse)) if is_directional(curve, profile) else ((0, forward),)
+    ways = (
+        ((1, forward), (-1, reverse)) if is_directional(curve, profile) else ((0, forward),)
+    )
     return tuple(
         Table(
             kind=kind,

@@ -80,7 +80,9 @@ class Law:
     @property
     def words(self) -> Message:
         """Return the law in one sentence."""
-        parts = [_LAW_WORDS[part] for part in (self.sense, self.data, self.between, self.ends)]
+        parts = [
+            _LAW_WORDS[part] for part in (self.sense, self.data, self.between, self.ends)
+        ]
         return message(
             "law-of-kind", sense=parts[0], data=parts[1], between=parts[2], ends=parts[3]
         )
@@ -124,7 +126,11 @@ class Multiplier:
         slope = float(
             (self.value[-1] - self.value[0]) / (self.position_mm[-1] - self.position_mm[0])
         )
-        return (slope, float(self.position_mm[0] - self.value[0] / slope)) if slope else (0.0, 0.0)
+        return (
+            (slope, float(self.position_mm[0] - self.value[0] / slope))
+            if slope
+            else (0.0, 0.0)
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,7 +169,11 @@ class Table:
     @property
     def label(self) -> Message:
         """Return a name for messages: function, kind, direction and place."""
-        way = [message("table-direction", sign=f"{self.direction:+d}"[0])] if self.direction else []
+        way = (
+            [message("table-direction", sign=f"{self.direction:+d}"[0])]
+            if self.direction
+            else []
+        )
         spots = [
             message("table-spot", what=_spot(what), where=str(where))
             for what, where in self.place.items()
@@ -234,16 +244,22 @@ def steps_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) -
 def _extended(at: Vector, position: Vector, value: Vector, inside: Vector) -> Vector:
     """Return ``inside`` with the first and last section extended as straight lines."""
     low = value[0] + (at - position[0]) * (value[1] - value[0]) / (position[1] - position[0])
-    high = value[-1] + (at - position[-1]) * (value[-1] - value[-2]) / (position[-1] - position[-2])
+    high = value[-1] + (at - position[-1]) * (value[-1] - value[-2]) / (
+        position[-1] - position[-2]
+    )
     return np.where(at < position[0], low, np.where(at > position[-1], high, inside))
 
 
-def total_correction_um(tables: Iterable[Table], points_mm: Vector, direction: int = 1) -> Vector:
+def total_correction_um(
+    tables: Iterable[Table], points_mm: Vector, direction: int = 1
+) -> Vector:
     """Return the sum of all tables at commanded points, shape (N, 3): the displacement of the tool
     they cause."""
     total = np.zeros(np.shape(points_mm))
     for table in tables:
-        moved = correction_um(table, points_mm[:, AXES.index(table.input_axis.lower())], direction)
+        moved = correction_um(
+            table, points_mm[:, AXES.index(table.input_axis.lower())], direction
+        )
         if table.multiplier is not None:
             moved = moved * table.multiplier.at(
                 points_mm[:, AXES.index(table.multiplier.axis.lower())]
@@ -255,7 +271,8 @@ def total_correction_um(tables: Iterable[Table], points_mm: Vector, direction: i
 def mean_correction_um(tables: Sequence[Table], points_mm: Vector) -> Vector:
     """Return `total_correction_um`, mean of both directions of travel."""
     return (
-        total_correction_um(tables, points_mm, +1) + total_correction_um(tables, points_mm, -1)
+        total_correction_um(tables, points_mm, +1)
+        + total_correction_um(tables, points_mm, -1)
     ) / 2
 
 

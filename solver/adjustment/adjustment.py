@@ -33,7 +33,14 @@ from stepdiag.solver.adjustment.faults import (
     with_apart,
 )
 from stepdiag.solver.adjustment.naming import name_excess, name_explained, name_suspicion
-from stepdiag.solver.adjustment.scatter import FIRST, ROUNDS, Misses, Scatter, estimated, unshown
+from stepdiag.solver.adjustment.scatter import (
+    FIRST,
+    ROUNDS,
+    Misses,
+    Scatter,
+    estimated,
+    unshown,
+)
 from stepdiag.solver.adjustment.signs import unseen_signs, wrong_signs
 from stepdiag.solver.linear.components import Sizes, likelier, scored, sized
 from stepdiag.solver.linear.fit import Fit, fit
@@ -70,7 +77,12 @@ from stepdiag.solver.model.lateral import (
 )
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import assumed_noise, variance_scale
-from stepdiag.solver.model.priors import angular_effect_um, has_stated_u, make_prior, origin_pattern
+from stepdiag.solver.model.priors import (
+    angular_effect_um,
+    has_stated_u,
+    make_prior,
+    origin_pattern,
+)
 from stepdiag.solver.model.warmth import at_one_temperature
 
 TILT_ROUNDS = 2
@@ -143,7 +155,9 @@ class Adjustment:
         """
         size_um = self.explained.spread[self.explained.of(PRODUCT)]
         return (
-            dict(enumerate(size_um.tolist(), self.first_cause(BESIDE))) if np.any(size_um) else {}
+            dict(enumerate(size_um.tolist(), self.first_cause(BESIDE)))
+            if np.any(size_um)
+            else {}
         )
 
     def as_usual(self, *found: str) -> MixedFit:
@@ -161,7 +175,8 @@ class Adjustment:
         kept = np.array([effect.name in found for effect in self.effects], dtype=np.bool_)
         factor = np.where(kept, np.maximum(1.0, 1.0 / self.sizes.factor), 1.0)
         return sized(
-            self.as_usual(*found), np.repeat(factor, [effect.count for effect in self.effects])
+            self.as_usual(*found),
+            np.repeat(factor, [effect.count for effect in self.effects]),
         )
 
     @property
@@ -206,7 +221,9 @@ def _as_usual(
     )
     usual = np.array([PLAUSIBLE.get(effect.name, 1.0) for effect in effects])
     factor = np.where(
-        kept, 1.0, np.where(usual > 1.0, usual / sizes.factor, np.minimum(1.0, 1.0 / sizes.factor))
+        kept,
+        1.0,
+        np.where(usual > 1.0, usual / sizes.factor, np.minimum(1.0, 1.0 / sizes.factor)),
     )
     beside = {ONE_SCALE, ONE_WALK, BESIDE}.difference(found)
     factor[[effect.name in beside for effect in effects]] = 0.0
@@ -229,7 +246,9 @@ def adjust(
     wrong chain, ``DataError`` for angles that do not span the volume.
     """
     usual = assumed or Assumptions()
-    return _Task(at_one_temperature(layout, usual), chain, angles or {}, straightness, usual).run()
+    return _Task(
+        at_one_temperature(layout, usual), chain, angles or {}, straightness, usual
+    ).run()
 
 
 def _both_ways(layout: Layout) -> bool:
@@ -286,16 +305,19 @@ class _Task:
         if self.between.count:
             self.effects.append(effect_between(layout, self.between))
         turned = np.pad(
-            lateral_angles(self.design, straightness, self.shapes), ((0, len(prior.u)), (0, 0))
+            lateral_angles(self.design, straightness, self.shapes),
+            ((0, len(prior.u)), (0, 0)),
         )
         self.beside = {
             ANGLES: turned[:, : self.shapes.long],
             SHORT_ANGLES: turned[:, self.shapes.long :],
             BETWEEN: np.pad(
-                between_beside_head(layout, straightness, self.between), ((0, len(prior.u)), (0, 0))
+                between_beside_head(layout, straightness, self.between),
+                ((0, len(prior.u)), (0, 0)),
             ),
             "angle origin": np.pad(
-                origin_pattern(self.design, angles, len(prior.u)), ((len(lateral.u), 0), (0, 0))
+                origin_pattern(self.design, angles, len(prior.u)),
+                ((len(lateral.u), 0), (0, 0)),
             ),
         }
         if self.beside["angle origin"].shape[1]:
@@ -403,7 +425,9 @@ class _Task:
             return current
         (first, second), change = found
         count = len(self.layout)
-        self.layout = replace(self.layout, deviation_um=self.layout.deviation_um + change[:count])
+        self.layout = replace(
+            self.layout, deviation_um=self.layout.deviation_um + change[:count]
+        )
         self.target += change
         names = {
             "first": self.layout.setups[first].name,
@@ -417,7 +441,9 @@ class _Task:
         the other sign agrees with all other evidence.
         """
         right = sorted(self.angles)
-        while wrong := wrong_signs(current, {name: self._change_by_sign(name) for name in right}):
+        while wrong := wrong_signs(
+            current, {name: self._change_by_sign(name) for name in right}
+        ):
             self.target += sum(self._change_by_sign(name) for name in wrong)
             turned = {
                 name: replace(self.angles[name], value_urad=-self.angles[name].value_urad)
@@ -434,7 +460,9 @@ class _Task:
             if np.ptp(self.angles[name].value_urad)
             > 2.0 * COVERAGE * np.max(self.angles[name].u_urad)
         ]
-        if unseen := unseen_signs(current, {name: self._change_by_sign(name) for name in large}):
+        if unseen := unseen_signs(
+            current, {name: self._change_by_sign(name) for name in large}
+        ):
             self.findings += [info("straightness-unchecked.angles", names=unseen)]
         return current
 
@@ -444,7 +472,9 @@ class _Task:
         """
         alone = {name: self.angles[name]}
         beside = [2.0 * of_known_angles(self.design, one, alone) for one in self.straightness]
-        change = np.concatenate([2.0 * angular_effect_um(self.layout, self.chain, alone), *beside])
+        change = np.concatenate(
+            [2.0 * angular_effect_um(self.layout, self.chain, alone), *beside]
+        )
         return np.pad(change, (0, len(self.target) - len(change)))
 
     def _fit_with_tilts(self) -> MixedFit:
@@ -476,17 +506,24 @@ class _Task:
     ) -> tuple[MixedFit, Sizes]:
         group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
         usual = MixedFit(fixed, self._causes(fixed, effects), np.ones(len(group)))
-        sought = [effect.sought and (self.clean or effect.name in EARLY) for effect in effects]
+        sought = [
+            effect.sought and (self.clean or effect.name in EARLY) for effect in effects
+        ]
         sizes = scored(usual, group, np.array(sought, dtype=np.bool_), near)
         return sized(usual, sizes.factor[group]), sizes
 
     def _causes(self, fixed: Fit, effects: Sequence[Effect]) -> Causes:
         """Return the residues of a fit with effects; cached for the same fit and effects."""
         before, those, causes = self.known
-        same = causes is not None and len(those) == len(effects) and all(map(is_, those, effects))
+        same = (
+            causes is not None
+            and len(those) == len(effects)
+            and all(map(is_, those, effects))
+        )
         if causes is None or not same or before is not fixed:
             causes = Causes.of(
-                fixed, causes.pattern if causes is not None and same else self._on_all_rows(effects)
+                fixed,
+                causes.pattern if causes is not None and same else self._on_all_rows(effects),
             )
             self.known = (fixed, tuple(effects), causes)
         return causes
@@ -519,7 +556,9 @@ class _Task:
                 # the fit uses the sizes from before: the reported noise is the one that gave the
                 # weights
                 self.scatter = replace(
-                    before, freedom_misses=found.freedom_misses, freedom_noise=found.freedom_noise
+                    before,
+                    freedom_misses=found.freedom_misses,
+                    freedom_noise=found.freedom_noise,
                 )
                 break
             self._take(found)
@@ -544,7 +583,9 @@ class _Task:
         tilt_mrad = _tilts(self.design, unknowns, len(self.layout.setups))
         self._refuse_impossible(tilt_mrad)
         leaning = self.layout.leaning(tilt_mrad)
-        machine = np.where(np.arange(len(unknowns)) < self.design.columns.machine, unknowns, 0.0)
+        machine = np.where(
+            np.arange(len(unknowns)) < self.design.columns.machine, unknowns, 0.0
+        )
         seen_more, seen = (
             machine_rows(each, self.chain, self.design.columns).times(machine)
             for each in (leaning, self.layout)
@@ -568,7 +609,9 @@ class _Task:
         """
         size = np.linalg.norm(tilt_mrad, axis=1)
         if not np.all(size <= MOST_TILT_MRAD):
-            setup = self.layout.setups[int(np.argmax(np.where(np.isnan(size), np.inf, size)))].name
+            setup = self.layout.setups[
+                int(np.argmax(np.where(np.isnan(size), np.inf, size)))
+            ].name
             raise DataError(
                 f"{self.layout.source}: setup {setup}",
                 expected=message("mirror-explains", most_mrad=MOST_TILT_MRAD),
@@ -621,10 +664,13 @@ class _Task:
         """Return whether the readings are likelier with the suspicion than without it, each with
         all sizes estimated again.
         """
-        with_it, _ = self._found(current.fixed, [*self.effects, trial_of(self.layout, suspicion)])
+        with_it, _ = self._found(
+            current.fixed, [*self.effects, trial_of(self.layout, suspicion)]
+        )
         best = suspicion.best
         return bool(
-            0.5 * likelier(with_it, current) + max(best.smoother, 0.0) + best.prior > np.log(ODDS)
+            0.5 * likelier(with_it, current) + max(best.smoother, 0.0) + best.prior
+            > np.log(ODDS)
         )
 
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
@@ -638,7 +684,9 @@ class _Task:
             if found == most:
                 self.findings.append(name_excess(most))
                 return
-            suspicion = with_apart(suspicion, self.design.columns, self.layout.volume, self.chain)
+            suspicion = with_apart(
+                suspicion, self.design.columns, self.layout.volume, self.chain
+            )
             self.kept = weight_without(self.kept / self.u**2, suspicion) * self.u**2
             self.findings.append(name_suspicion(self.layout, suspicion))
             self.effects += effects_for(self.layout, suspicion, self.findings[-1].words)

@@ -97,20 +97,25 @@ def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> 
     )
 
 
-def short_counts(fixed: Fit, layout: Layout, kinds: Collection[str]) -> list[NDArray[np.int64]]:
+def short_counts(
+    fixed: Fit, layout: Layout, kinds: Collection[str]
+) -> list[NDArray[np.int64]]:
     """Return the rows of every unbroken count of some kinds of setups that is too short for a
     search (two rows at least).
     """
     return [rows for rows in _unbroken(fixed, layout, kinds) if 1 < len(rows) <= LEAST_ROWS]
 
 
-def _unbroken(fixed: Fit, layout: Layout, kinds: Collection[str] | None) -> list[NDArray[np.int64]]:
+def _unbroken(
+    fixed: Fit, layout: Layout, kinds: Collection[str] | None
+) -> list[NDArray[np.int64]]:
     wanted = np.array(
         [kinds is None or setup.kind in kinds for setup in layout.setups], dtype=np.bool_
     )[layout.setup_index]
     used = np.flatnonzero((fixed.weight[: len(layout)] > 0) & wanted)
     return [
-        used[layout.offset_index[used] == number] for number in np.unique(layout.offset_index[used])
+        used[layout.offset_index[used] == number]
+        for number in np.unique(layout.offset_index[used])
     ]
 
 

@@ -117,7 +117,13 @@ def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
         )
         unit_of_rate: Literal["um/h", "um/stop"] = "um/h" if timed else "um/stop"
         drifts.append(
-            Drift(pair=pair, rate=total_um / span, unit=unit_of_rate, total_um=total_um, u_um=u_um)
+            Drift(
+                pair=pair,
+                rate=total_um / span,
+                unit=unit_of_rate,
+                total_um=total_um,
+                u_um=u_um,
+            )
         )
     return tuple(drifts)
 
@@ -211,7 +217,9 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     machine = (BESIDE,) if found.explained.machine_named else ()
     fit = found.plausible(*TURNING, GROWTH, *machine)
     used = np.flatnonzero(np.isfinite(found.u_um))
-    linear = np.array([setup.kind == "linear" for setup in layout.setups])[layout.setup_index[used]]
+    linear = np.array([setup.kind == "linear" for setup in layout.setups])[
+        layout.setup_index[used]
+    ]
     if not linear.any() or linear.all():
         return None
     hypothesis = response_of(
@@ -266,7 +274,9 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
     if np.sum(scatter.freedom_misses[:FIRST]) >= LEAST_FREEDOM:
         seen = np.flatnonzero(scatter.freedom_misses[:FIRST] > 0)
         axes = [
-            message("axis-repeats-to", axis="XYZ"[axis], repeatability_um=scatter.misses_um[axis])
+            message(
+                "axis-repeats-to", axis="XYZ"[axis], repeatability_um=scatter.misses_um[axis]
+            )
             for axis in seen
         ]
         assumed_um = found.assumed.repeatability_um
@@ -284,7 +294,9 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
         scatter.freedom_noise >= LEAST_FREEDOM
     )
     if np.any(low):
-        names = [setup.name for setup, one in zip(found.layout.setups, low, strict=True) if one]
+        names = [
+            setup.name for setup, one in zip(found.layout.setups, low, strict=True) if one
+        ]
         scatter_um = float(np.max(np.hypot(rms_um, scatter.noise_um)[low]))
         words = message(
             "stated-u-low",
@@ -335,10 +347,14 @@ def _of_setup(name: str, report: SetupReport) -> list[Finding]:
     tilt = report.tilt_mrad or 0.0
     if tilt > TILT_LIMIT_MRAD:
         findings.append(
-            warning("mirror-misaligned", setup=name, tilt_mrad=tilt, limit_mrad=TILT_LIMIT_MRAD)
+            warning(
+                "mirror-misaligned", setup=name, tilt_mrad=tilt, limit_mrad=TILT_LIMIT_MRAD
+            )
         )
     drifts = [
-        drift for drift in report.drift if abs(drift.total_um) > max(DRIFT_LIMIT_UM, 3 * drift.u_um)
+        drift
+        for drift in report.drift
+        if abs(drift.total_um) > max(DRIFT_LIMIT_UM, 3 * drift.u_um)
     ]
     messages = [
         message("drift-large", setup=name, drift_um=drift.total_um, pair=drift.pair)
@@ -355,7 +371,10 @@ def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
     if noisy := _above(reports, "noise_um"):
         messages.append(
             message(
-                "noise-high", setups=list(noisy), u_um=max(noisy.values()), limit_um=NOISE_LIMIT_UM
+                "noise-high",
+                setups=list(noisy),
+                u_um=max(noisy.values()),
+                limit_um=NOISE_LIMIT_UM,
             )
         )
     if poor := _above(reports, "repeatability_um"):

@@ -164,7 +164,8 @@ class Family:
         """Return the evidence for each of ``many`` explanations of its kind."""
         found = evidence_of(fit, self.shown, self.seen, self.most)
         return Evidence(
-            found.log_odds + log_prior(self.kind, many), np.minimum(found.square, self.most**2)
+            found.log_odds + log_prior(self.kind, many),
+            np.minimum(found.square, self.most**2),
         )
 
 

@@ -51,7 +51,9 @@ def _pairs(
     """Yield each pair of diagonals with the same passes, stops and lengths of steps, and the rows
     of both.
     """
-    rows = [np.flatnonzero(layout.setup_index == index) for index in range(len(layout.setups))]
+    rows = [
+        np.flatnonzero(layout.setup_index == index) for index in range(len(layout.setups))
+    ]
     number = np.array([key.number for key in layout.passes])[layout.pass_index]
     diagonal = [index for index, setup in enumerate(layout.setups) if setup.kind != "linear"]
     for first, second in combinations(diagonal, 2):

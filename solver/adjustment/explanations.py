@@ -102,7 +102,9 @@ class Explained:
         """Return whether setups, products and growth together are more probable than not, and none
         is named.
         """
-        return float(np.sum(self.share)) + self.growth > 0.5 and not (self.names or self.grows)
+        return float(np.sum(self.share)) + self.growth > 0.5 and not (
+            self.names or self.grows
+        )
 
     @property
     def machine_named(self) -> bool:
@@ -133,7 +135,9 @@ class Explained:
         kept = mine[self.share[mine] > 0.0]
         return [
             int(place)
-            for place in kept[np.argsort(-np.round(self.share[kept], DECIMALS), kind="stable")]
+            for place in kept[
+                np.argsort(-np.round(self.share[kept], DECIMALS), kind="stable")
+            ]
         ]
 
 
@@ -153,7 +157,9 @@ def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Counts) -
     weighed = [family.weighed(fit, len(family.named)) for family in beside]
     of_faults = {
         kind: [
-            one.weighed(fit, number_of(single, kind)).log_odds for one in single if one.kind == kind
+            one.weighed(fit, number_of(single, kind)).log_odds
+            for one in single
+            if one.kind == kind
         ]
         for kind in (STOP, STEP, PLACE)
     }
@@ -174,7 +180,9 @@ def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Counts) -
     count = sum(len(family.named) for family in beside)
     return Explained(
         kinds=tuple(every_kind[:count].tolist()),
-        named=np.concatenate([nothing.astype(np.int64), *(family.named for family in beside)]),
+        named=np.concatenate(
+            [nothing.astype(np.int64), *(family.named for family in beside)]
+        ),
         size=np.concatenate([nothing, *(family.size for family in beside)]),
         share=share[:count],
         spread=np.sqrt(
@@ -281,7 +289,12 @@ def _families(fit: MixedFit, layout: Layout) -> Iterator[Family]:
     setups = np.unique(layout.setup_index[used])
     if len(setups) > 1:
         yield _family(
-            fit, used, _of_setups(layout, setups)[used], kind=SCALE, named=setups, most=MOST_UM_M
+            fit,
+            used,
+            _of_setups(layout, setups)[used],
+            kind=SCALE,
+            named=setups,
+            most=MOST_UM_M,
         )
     if layout.volume.solid:
         yield _family(
@@ -319,7 +332,9 @@ def _family(
 
 def _of_setups(layout: Layout, setups: NDArray[np.int64]) -> Vector:
     """Return the effect of a scale of 1 um/m of each setup on every reading, shape (m, setups)."""
-    return np.asarray(along_the_way_m(layout)[:, None] * (layout.setup_index[:, None] == setups))
+    return np.asarray(
+        along_the_way_m(layout)[:, None] * (layout.setup_index[:, None] == setups)
+    )
 
 
 def _of_growth(fit: MixedFit, growth_um: Vector) -> float:
@@ -327,7 +342,9 @@ def _of_growth(fit: MixedFit, growth_um: Vector) -> float:
     if not growth_um.shape[1]:
         return -np.inf
     response = response_of(fit, np.arange(len(growth_um)), growth_um)
-    return evidence_of_many(fit, *directions(response.seen, response.shown)) + log_prior(GROWN, 1)
+    return evidence_of_many(fit, *directions(response.seen, response.shown)) + log_prior(
+        GROWN, 1
+    )
 
 
 def _outweighs(probability: float) -> bool:

@@ -121,7 +121,10 @@ def most_suspicious(fit: MixedFit, columns: Columns, every: Counts) -> Suspicion
     kept = [one for one in found if one.odds > found[0].odds - np.log(ODDS)]
     # the way and the place of a pass's wandering are a single explanation: this pass
     if kept[0].kind == WALK:
-        kept = [kept[0], *(one for one in kept[1:] if not np.array_equal(one.rows, kept[0].rows))]
+        kept = [
+            kept[0],
+            *(one for one in kept[1:] if not np.array_equal(one.rows, kept[0].rows)),
+        ]
     return Suspicion(faults=kept)
 
 
@@ -155,9 +158,9 @@ def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
         rows=rows,
         named=rows[inner],
         shown=from_each_on(shown)[inner],
-        seen=visible(count.step - np.sum(from_each_on(mixed) ** 2, axis=1), from_each_on(weight))[
-            inner
-        ],
+        seen=visible(
+            count.step - np.sum(from_each_on(mixed) ** 2, axis=1), from_each_on(weight)
+        )[inner],
         pattern=lambda places: steps_of(number, places + 2),
     )
 
@@ -184,7 +187,9 @@ def most_odds(fit: MixedFit, every: Counts) -> float:
     the readings, by the readings alone; minus infinity without counts.
     """
     single = list(families(fit, every))
-    weighed = [family.weighed(fit, number_of(single, family.kind)).log_odds for family in single]
+    weighed = [
+        family.weighed(fit, number_of(single, family.kind)).log_odds for family in single
+    ]
     odds = np.concatenate([*weighed, [one.odds for one in walks(fit, every)], [-np.inf]])
     return float(np.max(odds))
 
@@ -203,7 +208,9 @@ def _singles(fit: MixedFit, columns: Columns, every: Counts) -> list[Fault]:
     for family in all_of:
         odds, size = family.weighed(fit, number_of(all_of, family.kind)).log_odds, family.size
         places = np.flatnonzero((odds > -np.log(ODDS)) & (np.abs(size) >= LEAST_UM))
-        ranked += [(float(odds[place]), family, place, float(size[place])) for place in places]
+        ranked += [
+            (float(odds[place]), family, place, float(size[place])) for place in places
+        ]
     # equally good explanations stand in the order of the readings, not in that of rounding
     ranked.sort(key=lambda one: -round(one[0], DECIMALS))
     del ranked[MOST_WEIGHED:]
@@ -217,7 +224,9 @@ def _singles(fit: MixedFit, columns: Columns, every: Counts) -> list[Fault]:
         - np.array([one[3] for one in ranked])
         * response_of(fit, np.arange(len(on_all)), on_all).moved
     )
-    rough = roughness(columns, np.column_stack([fit.unknowns, without]), fit.inverse.variance())
+    rough = roughness(
+        columns, np.column_stack([fit.unknowns, without]), fit.inverse.variance()
+    )
     return [
         Fault(
             kind=family.kind,
@@ -267,7 +276,9 @@ def walks(fit: MixedFit, every: Counts) -> list[Fault]:
     return found
 
 
-def with_apart(suspicion: Suspicion, columns: Columns, volume: Volume, chain: str) -> Suspicion:
+def with_apart(
+    suspicion: Suspicion, columns: Columns, volume: Volume, chain: str
+) -> Suspicion:
     """Return a suspicion with the distance between its explanations."""
     if suspicion.decided:
         return suspicion

@@ -25,13 +25,17 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
         return _name_decided(layout, suspicion.best)
     suspects = [_suspect(layout, one) for one in every]
     if kinds != {STOP}:
-        return finding("error", message("contradiction-ambiguous", suspects=suspects), among=among)
+        return finding(
+            "error", message("contradiction-ambiguous", suspects=suspects), among=among
+        )
     # machines that differ by less may be left open: whatever is true, the result hardly moves
     if suspicion.apart_um > LEAST_UM:
         return finding(
             "error",
             message(
-                "contradiction-ambiguous.apart", suspects=suspects, apart_um=suspicion.apart_um
+                "contradiction-ambiguous.apart",
+                suspects=suspects,
+                apart_um=suspicion.apart_um,
             ),
             among=among,
         )
@@ -45,10 +49,14 @@ def name_excess(count: int) -> Finding:
 
 def name_explained(layout: Layout, found: Explained) -> list[Finding]:
     """Return the finding on an explanation outside the model that is named."""
-    products = [suspect(layout, found, at) for at in found.names if found.kinds[at] == PRODUCT]
+    products = [
+        suspect(layout, found, at) for at in found.names if found.kinds[at] == PRODUCT
+    ]
     if products:
         return [warning("machine-beside-model", suspects=products)]
-    scales = [(layout.setups[found.named[at]].name, float(found.size[at])) for at in found.names]
+    scales = [
+        (layout.setups[found.named[at]].name, float(found.size[at])) for at in found.names
+    ]
     return [warning("setup-scale-off", setup=name, scale_um_m=size) for name, size in scales]
 
 
@@ -56,8 +64,12 @@ def suspect(layout: Layout, found: Explained, at: int) -> Message:
     """Return the words for one of several explanations outside the model."""
     size = float(found.size[at])
     if found.kinds[at] == PRODUCT:
-        return message("suspect-product", product=tuple(PRODUCTS)[found.named[at]], size_um=size)
-    return message("suspect-scale", setup=layout.setups[found.named[at]].name, scale_um_m=size)
+        return message(
+            "suspect-product", product=tuple(PRODUCTS)[found.named[at]], size_um=size
+        )
+    return message(
+        "suspect-scale", setup=layout.setups[found.named[at]].name, scale_um_m=size
+    )
 
 
 def _name_decided(layout: Layout, one: Fault) -> Finding:
@@ -65,7 +77,9 @@ def _name_decided(layout: Layout, one: Fault) -> Finding:
     stop = int(layout.stop[one.named])
     place = Place(setup=key.setup, pass_number=key.number, stop=stop)
     if one.kind == PLACE:
-        words = message("machine-beside-model.place", setup=key.setup, stop=stop, size_um=one.size)
+        words = message(
+            "machine-beside-model.place", setup=key.setup, stop=stop, size_um=one.size
+        )
         return finding("warning", words, Place(setup=key.setup), size_um=one.size)
     words = message(
         "stop-outlier" if one.kind == STOP else "count-step",
@@ -98,7 +112,9 @@ def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
     if len(walks) > 1:
         return finding(
             "error",
-            message("pass-wanders.which", suspects=[_suspect(layout, walk) for walk in walks]),
+            message(
+                "pass-wanders.which", suspects=[_suspect(layout, walk) for walk in walks]
+            ),
             among=among,
         )
     setup = layout.setups[int(layout.setup_index[walks[0].named])].name
@@ -112,7 +128,9 @@ def _passes_of(layout: Layout, every: Sequence[Fault]) -> tuple[str, ...]:
     """Return the passes concerned by faults: for a walk all passes on its count, for a place of the
     machine all drives of the setup.
     """
-    rows = np.concatenate([one.rows if one.kind in (WALK, PLACE) else [one.named] for one in every])
+    rows = np.concatenate(
+        [one.rows if one.kind in (WALK, PLACE) else [one.named] for one in every]
+    )
     named = {layout.passes[int(number)] for number in layout.pass_index[rows]}
     return tuple(key.place for key in layout.passes if key in named)
 
@@ -121,7 +139,8 @@ def _of_walk(layout: Layout, walk: Fault) -> dict[str, Argument]:
     """Return the arguments of a pass that wanders."""
     first, last = (int(layout.stop[walk.rows[place]]) for place in (0, -1))
     passes = [
-        layout.passes[int(number)].words for number in dict.fromkeys(layout.pass_index[walk.rows])
+        layout.passes[int(number)].words
+        for number in dict.fromkeys(layout.pass_index[walk.rows])
     ]
     return {
         "passes": passes,

@@ -88,14 +88,18 @@ class Scatter:
         """
         shown = self.freedom_misses[:FIRST] > 0
         return float(
-            np.sqrt(np.mean(self.misses_um[:FIRST][shown if np.any(shown) else slice(None)] ** 2))
+            np.sqrt(
+                np.mean(self.misses_um[:FIRST][shown if np.any(shown) else slice(None)] ** 2)
+            )
         )
 
     @classmethod
     def assumed(cls, layout: Layout, assumed: Assumptions) -> Self:
         """Return the assumed scatter of a survey."""
         return cls(
-            misses_um=np.append(np.full(3, max(assumed.repeatability_um, LEAST_U_UM)), FIRST_UM),
+            misses_um=np.append(
+                np.full(3, max(assumed.repeatability_um, LEAST_U_UM)), FIRST_UM
+            ),
             noise_um=np.where(_unstated(layout), assumed.reading_um, BESIDE_STATED_UM),
             freedom_misses=np.zeros(FIRST + 1),
             freedom_noise=np.zeros(len(layout.setups)),
@@ -113,7 +117,9 @@ class Scatter:
         `SETTLED`.
         """
         own, others = (one.u_um(layout) for one in (self, other))
-        misses = np.hypot(self.misses_um, np.mean(own)) / np.hypot(other.misses_um, np.mean(others))
+        misses = np.hypot(self.misses_um, np.mean(own)) / np.hypot(
+            other.misses_um, np.mean(others)
+        )
         return bool(np.max(np.abs(np.log(np.concatenate([misses, own / others])))) < SETTLED)
 
 
@@ -128,7 +134,13 @@ class Misses:
 
 
 def estimated(
-    fit: AnyFit, layout: Layout, misses: Misses, before: Scatter, assumed: Scatter, *, robust: bool
+    fit: AnyFit,
+    layout: Layout,
+    misses: Misses,
+    before: Scatter,
+    assumed: Scatter,
+    *,
+    robust: bool,
 ) -> Scatter:
     """Return the most likely sizes by a fit made with the sizes ``before``; ``robust`` if stops may
     be wrong.
@@ -214,7 +226,10 @@ def _together(
         )
     )
     found = [
-        at + _LOG[np.argmax(one - 0.5 * ((at + _LOG - np.log(own) - _COMMON[best]) / alike) ** 2)]
+        at
+        + _LOG[
+            np.argmax(one - 0.5 * ((at + _LOG - np.log(own) - _COMMON[best]) / alike) ** 2)
+        ]
         for one, at, own in zip(likely, log_before, assumed, strict=True)
     ]
     return np.array(np.exp(found))
@@ -252,7 +267,8 @@ def separated(layout: Layout) -> NDArray[np.bool_]:
     shared = np.any((moved >= 0) & (many[np.maximum(moved, 0)] > 1), axis=1)
     count = len(layout.setups)
     common, every = (
-        np.bincount(layout.setup_index[rows], minlength=count) for rows in (shared, slice(None))
+        np.bincount(layout.setup_index[rows], minlength=count)
+        for rows in (shared, slice(None))
     )
     return np.asarray(2 * common > every)
 

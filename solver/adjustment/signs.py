@@ -35,7 +35,10 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
         form = (
             np.array(
                 [
-                    [_square(current, one + two) - _square(current, one - two) for two in changes]
+                    [
+                        _square(current, one + two) - _square(current, one - two)
+                        for two in changes
+                    ]
                     for one in changes
                 ]
             )
@@ -43,13 +46,18 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
         )
         against = (
             np.array(
-                [_square(current, target + one) - _square(current, target - one) for one in changes]
+                [
+                    _square(current, target + one) - _square(current, target - one)
+                    for one in changes
+                ]
             )
             / 4.0
         )
         sizes = -np.linalg.lstsq(form, against, rcond=None)[0]
         meant = [
-            name for name, size in zip(names, sizes.tolist(), strict=True) if LEAST <= size <= MOST
+            name
+            for name, size in zip(names, sizes.tolist(), strict=True)
+            if LEAST <= size <= MOST
         ]
         if len(meant) == len(names):
             break

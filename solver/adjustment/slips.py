@@ -123,14 +123,18 @@ def _worst_in(field: "_Field", layout: Layout, count: Count, out: float) -> Iter
     visible = np.isfinite(u_um)
     unseen = np.where(moved_um > HIDDEN, np.inf, 0.0)
     made = np.where(
-        visible, moved_um * np.maximum(out * np.where(visible, u_um, np.nan), LEAST_UM), unseen
+        visible,
+        moved_um * np.maximum(out * np.where(visible, u_um, np.nan), LEAST_UM),
+        unseen,
     )
     passes = layout.pass_index[count.rows[1:]]
     for number in np.unique(passes):
         mine = np.flatnonzero(passes == number)
         place = int(mine[first_of_the_largest(made[mine])])
         yield _Worst(
-            row=int(count.rows[place + 1]), u_um=float(u_um[place]), made_um=float(made[place])
+            row=int(count.rows[place + 1]),
+            u_um=float(u_um[place]),
+            made_um=float(made[place]),
         )
 
 
@@ -175,10 +179,13 @@ class _Field:
         # values between the nodes do not move the points of the lattice
         moving = np.flatnonzero(np.any(flat, axis=0))
         by_unknowns = (
-            np.linalg.qr(flat[:, moving], mode="r") @ wanted.select(moving).combination.dense()
+            np.linalg.qr(flat[:, moving], mode="r")
+            @ wanted.select(moving).combination.dense()
         )
         through = fit.amount_covariance @ (fit.causes.taken.T @ by_unknowns.T)
-        direct = fit.weight[:, None] * fit.fixed.packed.times(fit.inverse.solve(by_unknowns.T))
+        direct = fit.weight[:, None] * fit.fixed.packed.times(
+            fit.inverse.solve(by_unknowns.T)
+        )
         return cls(
             fit=fit,
             by_unknowns=by_unknowns,

@@ -39,5 +39,7 @@ def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vecto
     noise_um2 = 2.0 / columns.nodes * float(np.quantile(variance_um2[shown], 0.5))
     power = np.maximum(power, max(noise_um2, LEAST_U_UM**2))
     falling = np.column_stack([pool_means(each, falling_pools(each)) for each in power.T])
-    likelihood: Vector = len(DISPLACEMENTS) * np.sum(np.log(falling) + power / falling, axis=0)
+    likelihood: Vector = len(DISPLACEMENTS) * np.sum(
+        np.log(falling) + power / falling, axis=0
+    )
     return likelihood

@@ -36,7 +36,9 @@ class Mount:
         """Refuse directions other than three different axes with the beam along the moving axis."""
         if self.beam[1] != self.axis:
             raise UsageError(
-                "head: beam", expected=message("for-run-along", axis=self.axis), found=self.beam
+                "head: beam",
+                expected=message("for-run-along", axis=self.axis),
+                found=self.beam,
             )
         if {self.beam[1], self.detector_x[1], self.detector_y[1]} != set(AXES):
             found = f"{self.beam}, {self.detector_x}, {self.detector_y}"

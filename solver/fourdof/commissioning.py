@@ -42,7 +42,10 @@ def fit_curve(
     DataError for fewer than two rows more than coefficients, or where a reading does not determine
     its shift.
     """
-    readings, shifts = np.asarray(reading, dtype=np.float64), np.asarray(shift_um, dtype=np.float64)
+    readings, shifts = (
+        np.asarray(reading, dtype=np.float64),
+        np.asarray(shift_um, dtype=np.float64),
+    )
     variable = curve_variable(kind, readings)
     freedom = len(readings) - degree - 1
     if freedom < 2 or not np.isfinite(variable).all() or not np.isfinite(shifts).all():

@@ -126,7 +126,9 @@ def spots(detector: Detector, difference: Vector, total: Vector) -> Spots:
         detector.x.curve.covers(reading[:, 0]) & detector.y.curve.covers(reading[:, 1])
     )
     angle = 1e-3 * detector.rotation_mrad
-    unroll = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    unroll = np.array(
+        [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]
+    )
     return Spots(
         shift_um=shift @ unroll,
         u_um=(detector.x.curve.u_um, detector.y.curve.u_um),

@@ -123,7 +123,9 @@ class Motion:
 def beam_angle_urad(shift_um: ArrayLike, focal_length_mm: float) -> Vector:
     """Return the beam's angle from the spot's shift in the focal plane (Feng Eq. 1, arctangent
     kept)."""
-    angle: Vector = 1e6 * np.arctan(np.asarray(shift_um, dtype=np.float64) * 1e-3 / focal_length_mm)
+    angle: Vector = 1e6 * np.arctan(
+        np.asarray(shift_um, dtype=np.float64) * 1e-3 / focal_length_mm
+    )
     return angle
 
 
@@ -241,7 +243,9 @@ def _clipped(head: Head, channels: Vector) -> Mask:
     share = (channels[:, 2::3] - dark) / np.array(head.light.sums)
     usual = np.median(share, axis=1, keepdims=True)
     with np.errstate(invalid="ignore"):
-        clipped: Mask = np.abs(share - usual).max(axis=1) > head.light.within * np.abs(usual[:, 0])
+        clipped: Mask = np.abs(share - usual).max(axis=1) > head.light.within * np.abs(
+            usual[:, 0]
+        )
     return clipped
 
 
@@ -269,7 +273,9 @@ def _quality(
     with np.errstate(invalid="ignore"):
         far: Mask = np.abs(straightness).max(axis=1) > STRAIGHTNESS_RANGE_UM
         tilted: Mask = np.abs(angle).max(axis=1) > ANGLE_RANGE_ARCSEC * URAD_PER_ARCSEC
-    findings += _remark("fourdof-out-of-range.straightness", far, limit_um=STRAIGHTNESS_RANGE_UM)
+    findings += _remark(
+        "fourdof-out-of-range.straightness", far, limit_um=STRAIGHTNESS_RANGE_UM
+    )
     findings += _remark("fourdof-out-of-range.angle", tilted, limit_arcsec=ANGLE_RANGE_ARCSEC)
     return usable & ~far & ~tilted & ~clipped, tuple(findings)
 
@@ -278,5 +284,7 @@ def _remark(key: _Fault, mask: Mask, **about: str | float) -> list[Finding]:
     if not mask.any():
         return []
     return [
-        warning(key, count=int(mask.sum()), samples=len(mask), first=int(np.argmax(mask)), **about)
+        warning(
+            key, count=int(mask.sum()), samples=len(mask), first=int(np.argmax(mask)), **about
+        )
     ]

@@ -182,7 +182,9 @@ def _gauss_newton(
         axis=2,
     )
     frame, _ = np.linalg.qr(by_pointing)
-    pointing = np.einsum("nij,nj->ni", np.linalg.pinv(by_pointing), (stands.seen - base) / sigma)
+    pointing = np.einsum(
+        "nij,nj->ni", np.linalg.pinv(by_pointing), (stands.seen - base) / sigma
+    )
     here = _model(stands, parameters, pointing, middle_mm)
     columns = []
     for index, value in enumerate(parameters):
@@ -233,7 +235,9 @@ def _grown(rest: Vector, leverage: Vector, of: NDArray[np.bool_]) -> float:
     """Return the factor by which the noise of some values exceeds its assumed size; never zero,
     even for a run without noise.
     """
-    return float(np.sqrt(max(np.sum(rest[of] ** 2) / max(np.sum(1.0 - leverage[of]), 1.0), 1e-6)))
+    return float(
+        np.sqrt(max(np.sum(rest[of] ** 2) / max(np.sum(1.0 - leverage[of]), 1.0), 1e-6))
+    )
 
 
 def _require_places(stands: Stands) -> None:
@@ -299,7 +303,9 @@ def _centred(stands: Stands, values: Vector, used: NDArray[np.bool_]) -> Vector:
 
 def _matrix(lateral: Vector, read: Vector) -> Vector:
     """Return the least-squares matrix (2, 2) from the lateral motion to the readings."""
-    matrix: Vector = np.asarray(np.linalg.lstsq(lateral, read, rcond=None)[0].T, dtype=np.float64)
+    matrix: Vector = np.asarray(
+        np.linalg.lstsq(lateral, read, rcond=None)[0].T, dtype=np.float64
+    )
     return matrix
 
 
@@ -315,7 +321,10 @@ def _of_matrix(matrix: Vector, name: str) -> Vector:
             found=message("none"),
             remedy=message("wobble-more"),
         )
-    of_x, of_y = np.arctan(matrix[0, 1] / matrix[0, 0]), np.arctan(-matrix[1, 0] / matrix[1, 1])
+    of_x, of_y = (
+        np.arctan(matrix[0, 1] / matrix[0, 0]),
+        np.arctan(-matrix[1, 0] / matrix[1, 1]),
+    )
     if not max(abs(of_x), abs(of_y)) < 1e-3 * MOST_ROLL_MRAD:
         found = message("roll-found", mrad=float(1e3 * of_x), other_mrad=float(1e3 * of_y))
         remedy = message("detector-axes-or-wobble")
@@ -341,7 +350,9 @@ def _require_decided(found: Commissioned, stands: Stands) -> None:
     if not nearest > 0.0:
         expected, seen = (
             message("lever-above-none"),
-            message("lever-found", lever_mm=nearest, distance_mm=float(stands.distance_mm.min())),
+            message(
+                "lever-found", lever_mm=nearest, distance_mm=float(stands.distance_mm.min())
+            ),
         )
         raise DataError(
             "commission: lever",
@@ -357,7 +368,10 @@ def _require_decided(found: Commissioned, stands: Stands) -> None:
                 message("gain-known", percent=100 * share),
             )
             raise DataError(
-                f"commission: {FIELDS[index]}", expected=expected, found=seen, remedy=_more(index)
+                f"commission: {FIELDS[index]}",
+                expected=expected,
+                found=seen,
+                remedy=_more(index),
             )
 
 

@@ -64,7 +64,9 @@ def allan_deviation(values: Vector, interval_s: float) -> tuple[Vector, Vector]:
     """
     sums = np.concatenate([[0.0], np.cumsum(values - np.mean(values))])
     lengths = [
-        1 << octave for octave in range(len(values).bit_length()) if 2 << octave <= len(values)
+        1 << octave
+        for octave in range(len(values).bit_length())
+        if 2 << octave <= len(values)
     ]
     deviation = []
     for length in lengths:
@@ -122,7 +124,9 @@ def abbe_arm(
             ((component + 2) % 3, (component + 1) % 3, -1.0),
         ):
             block[:, of] += (
-                sign * 1e-3 * turning_urad.get(f"E{'ABC'[by]}{name[2]}", np.zeros(len(position_mm)))
+                sign
+                * 1e-3
+                * turning_urad.get(f"E{'ABC'[by]}{name[2]}", np.zeros(len(position_mm)))
             )
         block[:, 3 + 2 * number] = 1.0
         block[:, 4 + 2 * number] = (position_mm - position_mm.mean()) / np.ptp(position_mm)

@@ -43,7 +43,8 @@ def spread(
     total = np.zeros_like(here)
     for value, axis in zip(size, axes.T, strict=True):
         total = (
-            total + (of(varied(head, fields, np.sqrt(max(value, 0.0)) * axis * scale)) - here) ** 2
+            total
+            + (of(varied(head, fields, np.sqrt(max(value, 0.0)) * axis * scale)) - here) ** 2
         )
     u: Vector = np.sqrt(total)
     return u

@@ -63,11 +63,16 @@ def _prior_slope(log_factor: Vector) -> tuple[Vector, Vector]:
     """Return the first derivative of `log_prior` and its downward curvature."""
     square = HEAD / TAIL * np.exp(2.0 * log_factor)
     first = HEAD - (TAIL + HEAD) * square / (1.0 + square)
-    return first, np.maximum(2.0 * (TAIL + HEAD) * square / (1.0 + square) ** 2, _LEAST_CURVED)
+    return first, np.maximum(
+        2.0 * (TAIL + HEAD) * square / (1.0 + square) ** 2, _LEAST_CURVED
+    )
 
 
 def scored(
-    mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_], near: Vector | None = None
+    mixed: MixedFit,
+    group: NDArray[np.int64],
+    sought: NDArray[np.bool_],
+    near: Vector | None = None,
 ) -> Sizes:
     """Return the most likely sizes by the readings.
 

@@ -84,7 +84,9 @@ class Elimination:
             here = self.blocks.block(index)
             solution[here] = self.pivot_inverse[index] @ solution[here]
             if index < last:
-                solution[here] -= self.multiplier[index].T @ solution[self.blocks.block(index + 1)]
+                solution[here] -= (
+                    self.multiplier[index].T @ solution[self.blocks.block(index + 1)]
+                )
         return solution
 
     def near(self) -> Iterator[tuple[int, Vector, Vector]]:
@@ -169,7 +171,10 @@ class Normal:
         inner, border = scale[: self.blocks.border.start], scale[self.blocks.border]
         return Normal(
             self.blocks,
-            [block * size[:, None] * size for block, size in zip(self.own, each, strict=True)],
+            [
+                block * size[:, None] * size
+                for block, size in zip(self.own, each, strict=True)
+            ],
             [
                 block * size[:, None] * before
                 for block, size, before in zip(self.lower, each[1:], each, strict=False)
@@ -181,7 +186,8 @@ class Normal:
     def raised(self, by: Vector) -> "Normal":
         """Return the matrix with ``by`` (count,) added to its diagonal."""
         own = [
-            block + np.diag(by[self.blocks.block(index)]) for index, block in enumerate(self.own)
+            block + np.diag(by[self.blocks.block(index)])
+            for index, block in enumerate(self.own)
         ]
         return Normal(
             self.blocks,
@@ -213,8 +219,14 @@ def eliminate(matrix: Normal) -> Elimination:
         inverted: Vector = np.linalg.inv(pivot).astype(np.float64, copy=False)
         pivots.append(inverted)
     partial = Elimination(
-        matrix.blocks, pivots, multipliers, np.zeros((len(matrix.coupling), 0)), np.zeros((0, 0))
+        matrix.blocks,
+        pivots,
+        multipliers,
+        np.zeros((len(matrix.coupling), 0)),
+        np.zeros((0, 0)),
     )
     solution = partial.inner_solve(matrix.coupling)
     inverse = np.linalg.inv(matrix.border - matrix.coupling.T @ solution)
-    return Elimination(matrix.blocks, pivots, multipliers, solution, 0.5 * (inverse + inverse.T))
+    return Elimination(
+        matrix.blocks, pivots, multipliers, solution, 0.5 * (inverse + inverse.T)
+    )

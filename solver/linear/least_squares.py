@@ -75,7 +75,9 @@ class Inverse:
         scale = self.scale.copy()
         scale[self.fixed] = 0.0
         ordered = Rows(place[rows.column], rows.value * scale[rows.column], rows.count)
-        left = ordered.times(np.vstack([-elimination.border_solution, np.eye(len(place) - start)]))
+        left = ordered.times(
+            np.vstack([-elimination.border_solution, np.eye(len(place) - start)])
+        )
         found: Vector = left @ elimination.border_inverse @ left.T
         for first in range(0, len(rows), _PIECE):
             piece = slice(first, min(first + _PIECE, len(rows)))
@@ -102,7 +104,9 @@ class Inverse:
         return seen
 
 
-def invert(rows: Rows, weight: Vector, blocks: Blocks, like: Inverse | None = None) -> Inverse:
+def invert(
+    rows: Rows, weight: Vector, blocks: Blocks, like: Inverse | None = None
+) -> Inverse:
     """Return a generalised inverse of A.T diag(weight) A.
 
     ``like`` is an inverse of the same rows under other (positive) weights: the null space does not

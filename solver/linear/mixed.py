@@ -95,7 +95,9 @@ class MixedFit:
         """
         damped = np.eye(len(self.size)) + self.size[:, None] * self.causes.seen * self.size
         try:
-            root = _inverse_of_lower(np.linalg.cholesky(damped).astype(np.float64, copy=False))
+            root = _inverse_of_lower(
+                np.linalg.cholesky(damped).astype(np.float64, copy=False)
+            )
         except np.linalg.LinAlgError:
             value, vector = np.linalg.eigh(damped)
             root = (vector / np.sqrt(np.maximum(value, 1.0))).T
@@ -132,7 +134,8 @@ class MixedFit:
         left: Vector = self.fixed.residual - np.where(
             used,
             (self.causes.left @ self.amount) / np.where(used, self.weight, np.nan),
-            self.causes.pattern @ self.amount - self.rows.times(self.causes.taken @ self.amount),
+            self.causes.pattern @ self.amount
+            - self.rows.times(self.causes.taken @ self.amount),
         )
         return left
 

@@ -60,7 +60,9 @@ class Packed:
         start = blocks.border.start
         width = len(blocks.place) - start
         own = [np.zeros((size, size)) for size in sizes]
-        lower = [np.zeros((size, before)) for size, before in zip(sizes[1:], sizes, strict=False)]
+        lower = [
+            np.zeros((size, before)) for size, before in zip(sizes[1:], sizes, strict=False)
+        ]
         coupling = np.zeros((start, width))
         border = np.zeros((width, width))
         for piece in self.pieces:

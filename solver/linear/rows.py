@@ -39,7 +39,9 @@ class Rows:
         for place, rows in enumerate(of):
             column[place, : len(rows)] = self.column[rows]
             value[place, : len(rows)] = self.value[rows] * amount[place, rows, None]
-        return Rows(column.reshape(len(amount), -1), value.reshape(len(amount), -1), self.count)
+        return Rows(
+            column.reshape(len(amount), -1), value.reshape(len(amount), -1), self.count
+        )
 
     def times(self, unknowns: Vector) -> Vector:
         """Return A @ unknowns, shape (m,) or (m, k)."""
@@ -73,6 +75,7 @@ class Rows:
             for rows in (self, other)
         ]
         values = [
-            np.pad(rows.value, ((0, 0), (0, width - rows.value.shape[1]))) for rows in (self, other)
+            np.pad(rows.value, ((0, 0), (0, width - rows.value.shape[1])))
+            for rows in (self, other)
         ]
         return Rows(np.vstack(columns), np.vstack(values), self.count)

@@ -64,7 +64,9 @@ def angle_size_urad(found: Adjustment, spread: Spread) -> tuple[float, float, fl
     place = spread.names.index("angles")
     usual = float(np.mean(found.shapes.range_urad)) * float(found.sizes.factor[place])
     likely = (
-        usual * spread.families[place].factor if place in spread.families else np.full(1, usual)
+        usual * spread.families[place].factor
+        if place in spread.families
+        else np.full(1, usual)
     )
     low, middle, high = (float(size) for size in np.quantile(likely, (TAIL, 0.5, 1.0 - TAIL)))
     return middle, low, high

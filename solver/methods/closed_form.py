@@ -66,7 +66,9 @@ def _result(
         chain=chain,
         method=method,
         errors=errors,
-        squareness=_squareness(layout.volume, solution, reading_u * float(np.sqrt(2.0)), terms),
+        squareness=_squareness(
+            layout.volume, solution, reading_u * float(np.sqrt(2.0)), terms
+        ),
         scale={letter: _scale(errors[f"E{letter}{letter}"]) for letter in AXIS_LETTERS},
         setups={
             setup.name: travel_report(layout, setup)
@@ -75,7 +77,9 @@ def _result(
         },
         findings=(*layout.findings, *_method_findings(method), *_unused(layout), *findings),
         closure_um=Closure.of(closure),
-        scale_sum_um=None if solution.scale_sum_um is None else Length(value=solution.scale_sum_um),
+        scale_sum_um=None
+        if solution.scale_sum_um is None
+        else Length(value=solution.scale_sum_um),
         fit=Fit(noise_um=reading_u),
     )
 
@@ -130,7 +134,9 @@ def _scale(positioning: Function) -> Scale:
     )
 
 
-def _reading_u(layout: Layout, data: DiagonalData, closure: Vector) -> tuple[float, list[Finding]]:
+def _reading_u(
+    layout: Layout, data: DiagonalData, closure: Vector
+) -> tuple[float, list[Finding]]:
     """Return the standard uncertainty of an averaged reading: as stated, else from the increments
     of the closure residual."""
     used = np.isin([key.setup for key in layout.passes], _used(layout))[layout.pass_index]
@@ -145,7 +151,9 @@ def _reading_u(layout: Layout, data: DiagonalData, closure: Vector) -> tuple[flo
 
 
 def _used(layout: Layout) -> list[str]:
-    return [setup.name for setup in layout.setups if setup.kind == "step" and setup.shift == 0]
+    return [
+        setup.name for setup in layout.setups if setup.kind == "step" and setup.shift == 0
+    ]
 
 
 def _method_findings(method: str) -> list[Finding]:

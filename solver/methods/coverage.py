@@ -43,7 +43,9 @@ def coverage(
     for name in (name for name in quantities.groups if known.get(name, True)):
         rows = quantities.of(name)
         combined, alone = (float(np.sum(each[rows] ** 2)) for each in (u, u_readings))
-        freedom = min(found.fit.freedom * (combined / alone) ** 2, _MOST) if alone > 0 else _MOST
+        freedom = (
+            min(found.fit.freedom * (combined / alone) ** 2, _MOST) if alone > 0 else _MOST
+        )
         if t_factor(freedom) > WORTH_SAYING:
             report[name] = CoverageFactor(degrees_of_freedom=freedom, k=t_factor(freedom))
     return report
@@ -56,5 +58,10 @@ def coverage_findings(report: Mapping[str, CoverageFactor]) -> list[Finding]:
     worst = max(report, key=lambda name: report[name].k)
     figures = report[worst]
     return [
-        info("coverage-factor", name=worst, factor=figures.k, freedom=figures.degrees_of_freedom)
+        info(
+            "coverage-factor",
+            name=worst,
+            factor=figures.k,
+            freedom=figures.degrees_of_freedom,
+        )
     ]

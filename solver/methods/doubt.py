@@ -59,12 +59,16 @@ def doubt_findings(found: Adjustment) -> list[Finding]:
     if len(every) < 2 or not (setups or any(volume.harmed_by(one) for one in every)):
         return []
     suspects = [
-        message("suspect-of-volume", suspect=one.words, volume_um=rms_um(volume.apart_um(one)))
+        message(
+            "suspect-of-volume", suspect=one.words, volume_um=rms_um(volume.apart_um(one))
+        )
         for one in every
     ]
     among = {place for one in every for place in one.passes}
     setup, minutes = separating(found.layout, every)
-    words = message("contradiction-ambiguous.open", suspects=suspects, setup=setup, minutes=minutes)
+    words = message(
+        "contradiction-ambiguous.open", suspects=suspects, setup=setup, minutes=minutes
+    )
     return [
         finding(
             "warning",
@@ -114,7 +118,9 @@ class Volumes:
     def of(cls, found: Adjustment) -> "Volumes":
         """Return the volume of an adjustment."""
         first = found.first_cause("angles") if found.shapes.names else 0
-        machine = machine_of(found.design, found.shapes, first, len(found.fit.size), found.products)
+        machine = machine_of(
+            found.design, found.shapes, first, len(found.fit.size), found.products
+        )
         return cls(
             found=found,
             machine=machine,
@@ -138,7 +144,9 @@ class Volumes:
         return rms_um(left) > rms_um(left + self.reported_um)
 
     def _over_volume(self, fit: MixedFit) -> Vector:
-        value = self.machine.combination.times(fit.unknowns) + self.machine.on_causes @ fit.amount
+        value = (
+            self.machine.combination.times(fit.unknowns) + self.machine.on_causes @ fit.amount
+        )
         over: Vector = value @ self.fields
         return over
 
@@ -187,5 +195,7 @@ def minutes_of(layout: Layout, setup: Setup) -> float:
     """Return the duration of driving a setup as often as before, with usual times."""
     mine = [key for key in layout.passes if key.setup == setup.name]
     both = len({key.outward for key in mine}) > 1
-    run = Run(setup=setup.name, repeats=max(len(mine) // (2 if both else 1), 1), return_pass=both)
+    run = Run(
+        setup=setup.name, repeats=max(len(mine) // (2 if both else 1), 1), return_pass=both
+    )
     return run_minutes(Plan(volume=layout.volume, runs=(run,)), run)

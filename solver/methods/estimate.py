@@ -146,7 +146,9 @@ def estimate(
     """Adjust a survey and evaluate everything that can be reported. Raises the errors of
     `solver.adjustment.adjustment.adjust`.
     """
-    adjustment = adjust(layout, chain, angles=angles, straightness=straightness, assumed=assumed)
+    adjustment = adjust(
+        layout, chain, angles=angles, straightness=straightness, assumed=assumed
+    )
     found = reported(adjustment.design)
     spread = smoothed(spread_of(adjustment), adjustment.design, found)
     inverse = spread.fit.inverse
@@ -156,7 +158,9 @@ def estimate(
         adjustment=adjustment,
         quantities=found,
         value=found.combination.times(spread.fit.unknowns),
-        u=deviation(alone + np.maximum(spread.variance(moved), spread.variance_by_readings(moved))),
+        u=deviation(
+            alone + np.maximum(spread.variance(moved), spread.variance_by_readings(moved))
+        ),
         u_readings=deviation(alone + spread.variance_by_readings(moved)),
         # with a single increment a function has only its ends: the shape between them is zero and
         # is no combination of unknowns
@@ -171,8 +175,12 @@ def estimate(
 
 def spread_of(found: Adjustment) -> Spread:
     """Return the covariances behind an adjustment."""
-    group = np.repeat(np.arange(len(found.effects)), [effect.count for effect in found.effects])
-    return Spread(found.fit, group, tuple(effect.name for effect in found.effects), found.sizes)
+    group = np.repeat(
+        np.arange(len(found.effects)), [effect.count for effect in found.effects]
+    )
+    return Spread(
+        found.fit, group, tuple(effect.name for effect in found.effects), found.sizes
+    )
 
 
 def solve_estimate(
@@ -191,7 +199,9 @@ def solve_estimate(
     """
     straightness = at_targets(straightness, layout)
     done, of_head = agreeing(
-        lambda kept: estimate(layout, chain, angles=angles, straightness=kept, assumed=assumed),
+        lambda kept: estimate(
+            layout, chain, angles=angles, straightness=kept, assumed=assumed
+        ),
         straightness,
     )
     found = done.adjustment
@@ -238,7 +248,9 @@ def solve_estimate(
         findings=(*result.findings, *coverage_findings(factors)),
         assumed=found.assumed.stated(),
         lengths=lengths_report(
-            result.scale, found.assumed, known=bool(np.all(np.isfinite(found.layout.temperature_c)))
+            result.scale,
+            found.assumed,
+            known=bool(np.all(np.isfinite(found.layout.temperature_c))),
         ),
         tool=tool_report(errors, expected, found.assumed) if layout.volume.solid else None,
         head_straightness=of_head or None,
@@ -266,10 +278,14 @@ def _over_the_volume(
     posterior = make_posterior(found, seen, wider, machines, done.known, result.errors)
     whole = replace(result, posterior=posterior)
     predicted, u_um = volume_report(whole, posterior)
-    angles = angle_findings(found, done.spread, resolved, left_with_head_um(found, wider, u_um))
+    angles = angle_findings(
+        found, done.spread, resolved, left_with_head_um(found, wider, u_um)
+    )
     findings = (*whole.findings, *angles, *doubt_findings(found))
     shares = volume_shares_um(found, seen, machines, posterior, u_um)
-    return replace(whole, findings=findings, volumetric_u_um=u_um, predicted=predicted), shares
+    return replace(
+        whole, findings=findings, volumetric_u_um=u_um, predicted=predicted
+    ), shares
 
 
 def _barely_seen(done: Estimate) -> Spread:
@@ -277,7 +293,9 @@ def _barely_seen(done: Estimate) -> Spread:
     determine them less well.
     """
     determined = identified(done.quantities, done.spread.fit.inverse, {})
-    kept = {name: known or not determined.get(name, True) for name, known in done.known.items()}
+    kept = {
+        name: known or not determined.get(name, True) for name, known in done.known.items()
+    }
     return with_the_usual(done.adjustment, done.spread, done.quantities, kept)
 
 
@@ -307,7 +325,11 @@ def _errors(done: Estimate) -> dict[str, Function]:
     }
     return {
         **errors,
-        **{name: _known_angle(done, name) for name in ROTATIONS if name in done.adjustment.angles},
+        **{
+            name: _known_angle(done, name)
+            for name in ROTATIONS
+            if name in done.adjustment.angles
+        },
     }
 
 
@@ -326,7 +348,9 @@ def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
     full = done.curve(with_slope, volume.increments) if with_slope else None
     value, u, u_readings = full or done.curve(name, volume.increments) or (None, None, None)
     return Function(
-        position_mm=volume.nodes_mm(axis) if volume.travelled[axis] else volume.nodes_mm(axis)[:1],
+        position_mm=volume.nodes_mm(axis)
+        if volume.travelled[axis]
+        else volume.nodes_mm(axis)[:1],
         value=value,
         u=u,
         unit="um",
@@ -348,7 +372,9 @@ def _known_angle(done: Estimate, name: str) -> Function:
     if adjusted is not None:
         value, u, by_readings = value + adjusted[0], adjusted[1], adjusted[2]
     position = volume.nodes_mm(AXIS_LETTERS.index(name[-1]))
-    return Function(position_mm=position, value=value, u=u, unit="urad", u_readings=by_readings)
+    return Function(
+        position_mm=position, value=value, u=u, unit="urad", u_readings=by_readings
+    )
 
 
 def _reversal(done: Estimate) -> dict[str, Function]:
@@ -365,7 +391,9 @@ def _reversal(done: Estimate) -> dict[str, Function]:
         name: _function(done, backlash(name) if whole[name] else reversal(name), None)
         for name in seen
     }
-    return {name: function for name, function in functions.items() if function.value is not None}
+    return {
+        name: function for name, function in functions.items() if function.value is not None
+    }
 
 
 def backlash_numbers(done: Estimate) -> Backlashes | None:
@@ -384,7 +412,9 @@ def backlash_numbers(done: Estimate) -> Backlashes | None:
             columns.count,
         )
         alone = mean.times(done.spread.fit.inverse.solve(mean.dense().ravel())).item()
-        u = float(np.sqrt(max(alone, 0.0) + done.spread.variance(done.spread.moved(mean)).item()))
+        u = float(
+            np.sqrt(max(alone, 0.0) + done.spread.variance(done.spread.moved(mean)).item())
+        )
         found[letter] = Backlash(value=mean.times(done.spread.fit.unknowns).item(), u=u)
     return Backlashes(**found) if found else None
 
@@ -413,7 +443,9 @@ def _with_fit(result: Result, done: Estimate) -> Result:
         if misclosed is None
         else Length(value=misclosed[0], u=misclosed[1]),
         backlash=backlash_numbers(done),
-        unseen_slip=slips_report(found.as_usual(), found.layout, found.design) if solid else None,
+        unseen_slip=slips_report(found.as_usual(), found.layout, found.design)
+        if solid
+        else None,
         closure_um=closure_report(found.layout),
     )
 
@@ -449,7 +481,9 @@ def _standing(done: Estimate) -> Finding:
     volume.
     """
     moved = done.adjustment.layout.volume.travelled
-    standing = [letter for letter, travels in zip(AXIS_LETTERS, moved, strict=True) if not travels]
+    standing = [
+        letter for letter, travels in zip(AXIS_LETTERS, moved, strict=True) if not travels
+    ]
     missing: list[str | Message] = [
         name for name in (*DISPLACEMENTS, *SQUARENESS) if not done.known[name]
     ]
@@ -472,4 +506,6 @@ def _advice(done: Estimate, missing: list[str]) -> Message:
         return message("no-run-helps")
     if not advice.runs:
         return message("less-noise")
-    return message("runs-to-add", runs=[run.setup for run in advice.runs], minutes=advice.minutes)
+    return message(
+        "runs-to-add", runs=[run.setup for run in advice.runs], minutes=advice.minutes
+    )

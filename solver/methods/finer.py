@@ -67,7 +67,9 @@ def finer(
         value=joined(
             function.value, rows.times(spread.fit.unknowns) + on_causes @ spread.fit.amount
         ),
-        u=joined(function.u, deviation(alone + np.maximum(spread.variance(moved), by_readings))),
+        u=joined(
+            function.u, deviation(alone + np.maximum(spread.variance(moved), by_readings))
+        ),
         u_readings=joined(function.u_readings, deviation(alone + by_readings)),
     )
 
@@ -84,4 +86,6 @@ def _between_rows(
     lower = np.floor(steps).astype(np.int64)
     share = (steps - lower)[:, None]
     value = (1.0 - share) * dense[lower] + share * dense[lower + 1]
-    return Rows(np.broadcast_to(np.arange(at_nodes.count), value.shape), value, at_nodes.count)
+    return Rows(
+        np.broadcast_to(np.arange(at_nodes.count), value.shape), value, at_nodes.count
+    )

@@ -71,7 +71,9 @@ def agreeing(
         done = estimated(kept)
         report = head_report(done.adjustment, kept, sizes)
         worst = max(
-            _contradicting(report), key=lambda name: report[name].misclosure or 0.0, default=None
+            _contradicting(report),
+            key=lambda name: report[name].misclosure or 0.0,
+            default=None,
         )
         if worst is None:
             return done, {**report, **apart}
@@ -89,10 +91,14 @@ def sizes_of(alone: Adjusted) -> dict[str, float]:
     """
     effects = zip(alone.adjustment.effects, alone.adjustment.sizes.factor, strict=True)
     turning = {
-        effect.name: max(1.0, float(factor)) for effect, factor in effects if effect.name in TURNING
+        effect.name: max(1.0, float(factor))
+        for effect, factor in effects
+        if effect.name in TURNING
     }
     increments = alone.adjustment.layout.volume.increments
-    curves = [alone.curve(name, increments) for name in DISPLACEMENTS if name not in POSITIONING]
+    curves = [
+        alone.curve(name, increments) for name in DISPLACEMENTS if name not in POSITIONING
+    ]
     bends = np.concatenate(
         [np.zeros(1), *(np.diff(curve[0], n=2) for curve in curves if curve is not None)]
     )
@@ -206,7 +212,9 @@ def _checked(
     )
     grown = np.where(between, size, 1.0)
     return _Checked(
-        sized(usual, grown), {name: sized(one, grown) for name, one in alone.items()}, 1.0 / grown
+        sized(usual, grown),
+        {name: sized(one, grown) for name, one in alone.items()},
+        1.0 / grown,
     )
 
 
@@ -230,7 +238,8 @@ def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | N
     """
     among = _over_chance(alone.chi_square, alone.freedom)
     return max(
-        (one for one in (_apart(whole, others, alone), among) if one is not None), default=None
+        (one for one in (_apart(whole, others, alone), among) if one is not None),
+        default=None,
     )
 
 
@@ -265,7 +274,8 @@ def _sign_hidden(
         return False
     others, alone = (sized(one, checked.as_usual) for one in (others, alone))
     return (
-        max(_apart(sized(whole, checked.as_usual), others, alone) or 0.0 for whole in signs) > 1.0
+        max(_apart(sized(whole, checked.as_usual), others, alone) or 0.0 for whole in signs)
+        > 1.0
     )
 
 
@@ -320,7 +330,10 @@ def head_findings(report: Mapping[str, HeadStraightness]) -> list[Finding]:
     """
     bad = _contradicting(report)
     hidden = [name for name, facts in report.items() if facts.sign_hidden and name not in bad]
-    return [*([_misclosed(report, bad)] if bad else []), *([_unchecked(hidden)] if hidden else [])]
+    return [
+        *([_misclosed(report, bad)] if bad else []),
+        *([_unchecked(hidden)] if hidden else []),
+    ]
 
 
 def _misclosed(report: Mapping[str, HeadStraightness], bad: Sequence[str]) -> Finding:

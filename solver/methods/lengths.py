@@ -51,12 +51,18 @@ def at_their_temperature(
             f"{source}: setup {readings.setup[row]}, pass {readings.pass_number[row]}, stop "
             f"{readings.stop[row]}"
         )
-        raise DataError(place, expected=message("at-20"), found="0", remedy=message("all-or-none"))
+        raise DataError(
+            place, expected=message("at-20"), found="0", remedy=message("all-or-none")
+        )
     known = readings.temperature_c[np.isfinite(readings.temperature_c)]
     if len(known):
         mean = float(np.mean(known))
         found = replace(found, material_c=(mean, mean, mean))
-    if reduced and not found.material_stated and not np.all(np.isfinite(readings.temperature_c)):
+    if (
+        reduced
+        and not found.material_stated
+        and not np.all(np.isfinite(readings.temperature_c))
+    ):
         found = replace(found, u_material_c=max(found.u_material_c, UNMEASURED_C))
     return replace(found, reduced_to_20_c=reduced) if len(readings) else found
 
@@ -91,7 +97,12 @@ def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[F
             ),
         )
     return (
-        info("material-unmeasured", count=missing, readings=count, expansions=expansions(assumed)),
+        info(
+            "material-unmeasured",
+            count=missing,
+            readings=count,
+            expansions=expansions(assumed),
+        ),
     )
 
 
@@ -103,10 +114,13 @@ def lengths_report(
 
     ``known``: the material's temperature was measured; without it the other scale is None.
     """
-    here, other = (AT_20_C, AS_MEASURED) if assumed.reduced_to_20_c else (AS_MEASURED, AT_20_C)
+    here, other = (
+        (AT_20_C, AS_MEASURED) if assumed.reduced_to_20_c else (AS_MEASURED, AT_20_C)
+    )
     both: dict[str, dict[Axis, LengthScale]] = {
         here: {
-            axis: LengthScale(value=scales[axis].value, u=scales[axis].u) for axis in get_args(Axis)
+            axis: LengthScale(value=scales[axis].value, u=scales[axis].u)
+            for axis in get_args(Axis)
         },
         other: {
             axis: _elsewhere(scales[axis], place, assumed, known=known)
@@ -165,7 +179,8 @@ def tool_report(
             reach.append(
                 float(
                     np.max(
-                        np.abs(function.value) + (0.0 if function.u is None else 2.0 * function.u)
+                        np.abs(function.value)
+                        + (0.0 if function.u is None else 2.0 * function.u)
                     )
                 )
             )

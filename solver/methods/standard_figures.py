@@ -30,7 +30,11 @@ from stepdiag.solver.standards.iso230 import (
     positioning_figures,
     vdi_3441_figures,
 )
-from stepdiag.solver.standards.iso230_uncertainty import SOURCE_STATUS, RunSources, expanded_um
+from stepdiag.solver.standards.iso230_uncertainty import (
+    SOURCE_STATUS,
+    RunSources,
+    expanded_um,
+)
 
 STEPS_A_CYCLE: dict[Kind, int] = {"step": 3, "body": 1}
 """Stops from a point of the diagonal to the next, for the kinds of setup along a body diagonal."""
@@ -70,7 +74,9 @@ def linear_runs(layout: Layout) -> dict[str, SetupRuns]:
     return {name: runs for name, runs in found.items() if runs is not None}
 
 
-def diagonals(layout: Layout, kind: Kind) -> tuple[DiagonalFigures, dict[str, SetupRuns]] | None:
+def diagonals(
+    layout: Layout, kind: Kind
+) -> tuple[DiagonalFigures, dict[str, SetupRuns]] | None:
     """Return the figures along the four diagonals of a kind (body, step), None where fewer were
     driven.
 
@@ -108,18 +114,27 @@ def standards_report(
         if along is not None:
             figures, runs = along
             each = {
-                name: replace(_positioning(layout, one, sources), standard=DIAGONAL_STANDARD[kind])
+                name: replace(
+                    _positioning(layout, one, sources), standard=DIAGONAL_STANDARD[kind]
+                )
                 for name, one in runs.items()
             }
-            report[DIAGONAL_ENTRY[kind]] = (StandardFigures(**_plain(figures), U=_largest_u(each)),)
+            report[DIAGONAL_ENTRY[kind]] = (
+                StandardFigures(**_plain(figures), U=_largest_u(each)),
+            )
             report |= {name: (one,) for name, one in each.items()}
     return report
 
 
 def standards_findings(layout: Layout) -> list[Finding]:
     """Return the reasons for figures left out, each once."""
-    along = [found for kind in STEPS_A_CYCLE if (found := diagonals(layout, kind)) is not None]
-    runs = [*linear_runs(layout).values(), *(one for _, each in along for one in each.values())]
+    along = [
+        found for kind in STEPS_A_CYCLE if (found := diagonals(layout, kind)) is not None
+    ]
+    runs = [
+        *linear_runs(layout).values(),
+        *(one for _, each in along for one in each.values()),
+    ]
     lost = {finding: one.setup for one in reversed(runs) for finding in one.findings}
     return [*reversed(lost)]
 
@@ -132,7 +147,9 @@ def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
     rows = rows[layout.stop[rows] % cycle == 0]
     way = way_mm(layout, rows)
     # a turn without a second dwell was not approached from both sides
-    rows = rows[~np.isin(way, way[np.any(layout.approach[rows] != _travel(layout, rows), axis=1)])]
+    rows = rows[
+        ~np.isin(way, way[np.any(layout.approach[rows] != _travel(layout, rows), axis=1)])
+    ]
     targets = len(np.unique(way_mm(layout, rows)))
     whole = [
         mine
@@ -149,7 +166,10 @@ def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
     rows = np.concatenate(used)
     # odd passes are those along the direction of the setup: a run may start at either end
     numbers = np.concatenate(
-        [np.full(targets, 2 * place + _upward(layout, mine)) for place, mine in enumerate(used)]
+        [
+            np.full(targets, 2 * place + _upward(layout, mine))
+            for place, mine in enumerate(used)
+        ]
     )
     runs, findings = arrange_runs(
         way_mm(layout, rows), numbers, layout.deviation_um[rows], common_zero=joined
@@ -163,7 +183,10 @@ def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[n
     ways = [(zero, _upward(layout, mine)) for zero, mine in zip(zeros, passes, strict=True)]
     longest = max(
         dict.fromkeys(zeros),
-        key=lambda zero: (min(ways.count((zero, way)) for way in (True, False)), zeros.count(zero)),
+        key=lambda zero: (
+            min(ways.count((zero, way)) for way in (True, False)),
+            zeros.count(zero),
+        ),
     )
     return [mine for mine, zero in zip(passes, zeros, strict=True) if zero == longest]
 
@@ -173,7 +196,9 @@ def _travel(layout: Layout, rows: NDArray[np.int64]) -> Vector:
     stop, shape (rows, 3).
     """
     last = {int(number): row for row, number in enumerate(layout.pass_index.tolist())}
-    travel: Vector = layout.approach[[last[number] for number in layout.pass_index[rows].tolist()]]
+    travel: Vector = layout.approach[
+        [last[number] for number in layout.pass_index[rows].tolist()]
+    ]
     return travel
 
 

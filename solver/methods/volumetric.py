@@ -77,7 +77,9 @@ def with_the_usual(
     """
     rows, u = usual_rows(quantities, known, found.assumed)
     return (
-        replace(spread, fit=with_usual(spread.fit, found.design, rows, u)) if len(rows) else spread
+        replace(spread, fit=with_usual(spread.fit, found.design, rows, u))
+        if len(rows)
+        else spread
     )
 
 
@@ -110,7 +112,9 @@ def as_known(
     parts (`separated`).
     """
     first = found.first_cause("angles") if found.shapes.names else 0
-    machine = machine_of(found.design, found.shapes, first, len(spread.fit.size), found.products)
+    machine = machine_of(
+        found.design, found.shapes, first, len(spread.fit.size), found.products
+    )
     rows, u = usual_rows(quantities, known, found.assumed)
     if not len(rows):
         return machine, machine, np.zeros((len(machine.names),) * 2)
@@ -142,10 +146,13 @@ def volume_shares_um(
         + np.sum(spread.variance_by_readings(moved))
     )
     shares = {READINGS: float(np.sqrt(max(by_noise, 0.0)))}
-    shares |= {name: float(np.linalg.norm(each)) for name, each in spread.shares(moved).items()}
+    shares |= {
+        name: float(np.linalg.norm(each)) for name, each in spread.shares(moved).items()
+    }
     shares[BETWEEN_TARGETS] = float(
         np.sqrt(
-            BETWEEN_SHARE * sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())
+            BETWEEN_SHARE
+            * sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())
         )
     )
     if np.any(unmeasured):
@@ -167,7 +174,9 @@ def _offset(
 
     Of a positioning function without an identified slope, the rest is reported nevertheless.
     """
-    expected = machine.combination.times(wider.fit.unknowns) + machine.on_causes @ wider.fit.amount
+    expected = (
+        machine.combination.times(wider.fit.unknowns) + machine.on_causes @ wider.fit.amount
+    )
     tabled = [
         name not in PRODUCTS
         and known.get(name, True)
@@ -221,7 +230,9 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
         hidden = np.hypot(
             assumed.between_um * float(name in POSITIONING) * factor, shown[name] * share
         )
-        found[name] = np.hypot(arch * np.exp(within * likely), np.roll(hidden, len(factor) // 2))
+        found[name] = np.hypot(
+            arch * np.exp(within * likely), np.roll(hidden, len(factor) // 2)
+        )
     return found
 
 
@@ -232,7 +243,9 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
         found.append(message("increments-coarse", names=names))
     if hiding := hiding_functions(errors):
         found.append(
-            message("increments-coarse.hidden", names=list(hiding), waves_um=max(hiding.values()))
+            message(
+                "increments-coarse.hidden", names=list(hiding), waves_um=max(hiding.values())
+            )
         )
     return [finding("warning", words) for words in found]
 
@@ -267,7 +280,10 @@ def budget(
             },
         },
         combined={
-            **{name: float(np.linalg.norm(list(each.values()))) for name, each in whole.items()},
+            **{
+                name: float(np.linalg.norm(list(each.values())))
+                for name, each in whole.items()
+            },
             **{name: rms(u[rows]) for name, rows in groups.items()},
         },
     )
@@ -316,12 +332,16 @@ def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[s
     # the readings hold the angles unchanged: with small angles they would enlarge all other causes
     sure = replace(wider.sizes, sought=np.zeros_like(wider.sizes.sought))
     quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)
-    machine = machine_of(found.design, found.shapes, found.first_cause("angles"), len(wider.group))
+    machine = machine_of(
+        found.design, found.shapes, found.first_cause("angles"), len(wider.group)
+    )
     fields = free_fields_um(machine, found.layout.volume, found.design.chain)
     with_head, without = (
         over_volume(covariance(one, machine), fields)[0] for one in (quiet, wider)
     )
     return {
         "now": now_um,
-        "with_head": float(np.sqrt(max(now_um**2 - max(without**2 - with_head**2, 0.0), 0.0))),
+        "with_head": float(
+            np.sqrt(max(now_um**2 - max(without**2 - with_head**2, 0.0), 0.0))
+        ),
     }

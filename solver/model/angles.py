@@ -52,7 +52,11 @@ def parse_angles(text: str, source: str = "angles.csv") -> Angles:
     for index, name in enumerate(ROTATIONS):
         axis, component = divmod(index, 3)
         known = sorted(
-            (row for row in rows if row.axis == AXES[axis] and not math.isnan(row.urad[component])),
+            (
+                row
+                for row in rows
+                if row.axis == AXES[axis] and not math.isnan(row.urad[component])
+            ),
             key=lambda row: row.position_mm,
         )
         if known:
@@ -64,7 +68,9 @@ def _angle_row(source: str, number: int, fields: dict[str, str]) -> _Row:
     axis = fields["axis"].lower()
     if axis not in AXES:
         raise DataError(
-            f"{source}: line {number}: axis", expected=message("x-y-z"), found=repr(fields["axis"])
+            f"{source}: line {number}: axis",
+            expected=message("x-y-z"),
+            found=repr(fields["axis"]),
         )
     where = f"{source}: line {number}"
     a, b, c = (number_in(fields, name, where, optional=True) for name in ROTATION_COLUMNS)
@@ -80,7 +86,10 @@ def _function(where: str, rows: list[_Row], component: int) -> KnownAngle:
     position = np.array([row.position_mm for row in rows])
     if len(rows) < 2:
         raise DataError(
-            where, expected=message("two-positions"), found="one", remedy=message("leave-empty")
+            where,
+            expected=message("two-positions"),
+            found="one",
+            remedy=message("leave-empty"),
         )
     if np.any(np.diff(position) <= 0):
         at = position[int(np.argmin(np.diff(position)))]
@@ -104,18 +113,26 @@ def render_angles(angles: Angles) -> str:
     lines = ["axis,position_mm," + ",".join(ROTATION_COLUMNS) + ",u_urad"]
     for axis, letter in enumerate(AXES):
         mine = [angles.get(name) for name in ROTATIONS[3 * axis : 3 * axis + 3]]
-        for position in sorted({float(at) for known in mine if known for at in known.position_mm}):
+        for position in sorted(
+            {float(at) for known in mine if known for at in known.position_mm}
+        ):
             values = [
-                _interpolated(known.position_mm, known.value_urad, position) if known else math.nan
+                _interpolated(known.position_mm, known.value_urad, position)
+                if known
+                else math.nan
                 for known in mine
             ]
             every_u = [
-                _interpolated(known.position_mm, known.u_urad, position) if known else math.nan
+                _interpolated(known.position_mm, known.u_urad, position)
+                if known
+                else math.nan
                 for known in mine
             ]
             texts = ["" if math.isnan(u) else f"{u:.6f}" for u in every_u]
             for text in dict.fromkeys(
-                text for text, value in zip(texts, values, strict=True) if not math.isnan(value)
+                text
+                for text, value in zip(texts, values, strict=True)
+                if not math.isnan(value)
             ):
                 same = [
                     value if text == own else math.nan

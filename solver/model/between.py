@@ -74,7 +74,9 @@ def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) ->
     off = _off_nodes(layout)
     heads = [(one.name, one.position_mm[_head_off_nodes(layout, one)]) for one in measured]
     by_head = {name for name, at_mm in heads if len(at_mm)}
-    of_axis = [[at_mm for name, at_mm in heads if name[2] == letter] for letter in AXIS_LETTERS]
+    of_axis = [
+        [at_mm for name, at_mm in heads if name[2] == letter] for letter in AXIS_LETTERS
+    ]
     axes = tuple(_positions(layout, axis, off, of_axis[axis]) for axis in range(3))
     seen = [
         name
@@ -190,7 +192,9 @@ def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> Ax
     """Return the axis with a share of its components, at least one a cell."""
     volume = layout.volume
     steps = (
-        (axis.position_mm - volume.origin_mm[number]) / volume.length_mm[number] * volume.increments
+        (axis.position_mm - volume.origin_mm[number])
+        / volume.length_mm[number]
+        * volume.increments
     )
     cells = max(len(np.unique(np.floor(steps))), 1)
     return _axis(

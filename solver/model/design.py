@@ -168,7 +168,9 @@ def machine_rows(layout: Layout, chain: str, columns: Columns) -> Rows:
     )
 
 
-def _packed_rows(pieces: Sequence[tuple[NDArray[np.int64], Vector]], columns: Columns) -> Rows:
+def _packed_rows(
+    pieces: Sequence[tuple[NDArray[np.int64], Vector]], columns: Columns
+) -> Rows:
     return Rows(
         np.hstack([column for column, _ in pieces]),
         np.hstack([value for _, value in pieces]),
@@ -217,7 +219,9 @@ def _machine_entries(
     lower, fraction = between_nodes(layout.volume, layout.position_mm)
     on_nodes = bool(np.all((fraction == 0) | (fraction == 1)))
     neighbours = (
-        [(np.where(fraction == 1, lower + 1, lower), np.ones_like(fraction))] if on_nodes else []
+        [(np.where(fraction == 1, lower + 1, lower), np.ones_like(fraction))]
+        if on_nodes
+        else []
     )
     neighbours = neighbours or [(lower, 1.0 - fraction), (lower + 1, fraction)]
     pieces = [
@@ -225,7 +229,9 @@ def _machine_entries(
         for part, coefficient in coefficients.items()
         for node, weight in neighbours
     ]
-    return np.hstack([column for column, _ in pieces]), np.hstack([value for _, value in pieces])
+    return np.hstack([column for column, _ in pieces]), np.hstack(
+        [value for _, value in pieces]
+    )
 
 
 def _function_entries(
@@ -237,7 +243,9 @@ def _function_entries(
     start = columns.parts.index(part) * 9 * columns.nodes
     known = np.maximum(node, 1) - 1
     column = start + ((np.arange(3) * columns.nodes + known) * 3)[:, :, None] + np.arange(3)
-    return column.reshape(len(node), 9), (value * (node > 0)[:, :, None]).reshape(len(node), 9)
+    return column.reshape(len(node), 9), (value * (node > 0)[:, :, None]).reshape(
+        len(node), 9
+    )
 
 
 def _play_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
@@ -271,11 +279,14 @@ def _tilts(layout: Layout) -> tuple[tuple[int, ...], Vector]:
         across = away - direction * np.sum(away * direction, axis=1, keepdims=True)
         _, size, axes = np.linalg.svd(across, full_matrices=False)
         shown = (
-            axes[size > 1e-3 * np.linalg.norm(layout.volume.size_mm)] if mine.any() else axes[:0]
+            axes[size > 1e-3 * np.linalg.norm(layout.volume.size_mm)]
+            if mine.any()
+            else axes[:0]
         )
         setups += [index] * len(shown)
         directions.append(
-            shown * np.sign(shown[np.arange(len(shown)), np.argmax(np.abs(shown), axis=1)])[:, None]
+            shown
+            * np.sign(shown[np.arange(len(shown)), np.argmax(np.abs(shown), axis=1)])[:, None]
         )
     return tuple(setups), np.vstack(directions)
 
@@ -286,7 +297,9 @@ def _tilt_entries(
     column = np.zeros((len(layout), 2), dtype=np.int64)
     value = np.zeros((len(layout), 2))
     from_corner = layout.position_mm - layout.volume.origin_mm
-    for tilt, (setup, direction) in enumerate(zip(columns.tilt_setup, tilt_direction, strict=True)):
+    for tilt, (setup, direction) in enumerate(
+        zip(columns.tilt_setup, tilt_direction, strict=True)
+    ):
         place = tilt - columns.tilt_setup.index(setup)
         mine = layout.setup_index == setup
         column[mine, place] = columns.tilt + tilt

@@ -105,7 +105,9 @@ class AngleShapes:
         )
 
 
-def angle_shapes(layout: Layout, known: Mapping[str, object], assumed: Assumptions) -> AngleShapes:
+def angle_shapes(
+    layout: Layout, known: Mapping[str, object], assumed: Assumptions
+) -> AngleShapes:
     """Return the description of the angular functions that are not ``known`` but assumed to
     exist.
     """
@@ -114,7 +116,9 @@ def angle_shapes(layout: Layout, known: Mapping[str, object], assumed: Assumptio
     )
     waves = min(max(layout.volume.increments - 1, 1), MOST_WAVES)
     return AngleShapes(
-        names=names, range_urad=tuple(assumed.angle_range_urad(name) for name in names), waves=waves
+        names=names,
+        range_urad=tuple(assumed.angle_range_urad(name) for name in names),
+        waves=waves,
     )
 
 
@@ -162,11 +166,15 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Ef
         pattern[:, shapes.causes_of(name)] = (
             size * arms[:, axis, component, None] * shapes.at(share)
         )
-    text = message("assumed-angles", sizes=[f"{size:g}" for size in sorted(set(shapes.range_urad))])
+    text = message(
+        "assumed-angles", sizes=[f"{size:g}" for size in sorted(set(shapes.range_urad))]
+    )
     short = message("assumed-short-angles", number=LONG_WAVES + 1)
     return (
         Effect(name=ANGLES, text=text, pattern_um=pattern[:, : shapes.long], sought=True),
-        Effect(name=SHORT_ANGLES, text=short, pattern_um=pattern[:, shapes.long :], sought=True),
+        Effect(
+            name=SHORT_ANGLES, text=short, pattern_um=pattern[:, shapes.long :], sought=True
+        ),
     )
 
 
@@ -220,7 +228,9 @@ def _wander(layout: Layout, assumed: Assumptions) -> Effect:
         np.sqrt(2.0 * whole) * np.sin(turn * elapsed / np.maximum(whole, 1e-9)) / turn
         for turn in turns
     ]
-    pattern = assumed.wander_um * np.hstack([_by(layout.offset_index, wave) for wave in waves])
+    pattern = assumed.wander_um * np.hstack(
+        [_by(layout.offset_index, wave) for wave in waves]
+    )
     text = message("assumed-wander", wander_um=assumed.wander_um)
     return Effect(name="wander", text=text, pattern_um=pattern, sought=True)
 
@@ -238,7 +248,9 @@ def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
     coefficient = float(np.mean(assumed.expansion_um_m_c))
     cosine_um_m = 0.5 * assumed.alignment_mrad**2 / np.sqrt(3.0)
     size_um_m = float(
-        np.linalg.norm([coefficient * assumed.setup_c, 1e6 * assumed.index_setup, cosine_um_m])
+        np.linalg.norm(
+            [coefficient * assumed.setup_c, 1e6 * assumed.index_setup, cosine_um_m]
+        )
     )
     along_m = 1e-3 * np.sum(travel_mm(layout), axis=1)
     text = message(

@@ -178,7 +178,9 @@ def nodes_of(
             expected=message("positions-volume", low=low, high_mm=low + size),
             found=found,
         )
-    points = np.tile(np.asarray(volume.origin_mm, dtype=np.float64), (len(one.position_mm), 1))
+    points = np.tile(
+        np.asarray(volume.origin_mm, dtype=np.float64), (len(one.position_mm), 1)
+    )
     points[:, axis] = one.position_mm
     points = snapped_mm(volume, points)
     lower, fraction = between_nodes(volume, points)

@@ -97,7 +97,9 @@ class Layout:
         backlash is observable.
         """
         outward = np.array([key.outward for key in self.passes])[self.pass_index]
-        return bool(np.intersect1d(self.offset_index[outward], self.offset_index[~outward]).size)
+        return bool(
+            np.intersect1d(self.offset_index[outward], self.offset_index[~outward]).size
+        )
 
     def since_zero_mm(self) -> Vector:
         """Return the distance that the laser has counted since its zero, shape (m,)."""
@@ -154,7 +156,9 @@ _COLUMNS = (
 )
 
 
-def lay_out(readings: Readings, source: str = "readings", volume: Volume | None = None) -> Layout:
+def lay_out(
+    readings: Readings, source: str = "readings", volume: Volume | None = None
+) -> Layout:
     """Return the geometry of readings.
 
     Without ``volume``, box and increments follow from the body step diagonals, without them from
@@ -188,7 +192,9 @@ def lay_out(readings: Readings, source: str = "readings", volume: Volume | None 
     )
 
 
-def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "readings") -> Volume:
+def infer_volume(
+    readings: Readings, setups: Iterable[Setup], source: str = "readings"
+) -> Volume:
     """Return the common box of the diagonals. Raises ``DataError`` where they form no box or
     different boxes.
     """
@@ -200,14 +206,18 @@ def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "rea
     ordered = [by_kind[one] for one in kinds if one in by_kind]
     low, high = (
         np.array(edge)
-        for edge in zip(*(_edges_mm(readings, ordered, axis) for axis in range(3)), strict=True)
+        for edge in zip(
+            *(_edges_mm(readings, ordered, axis) for axis in range(3)), strict=True
+        )
     )
     finest = _increments(readings, [setup.name for setup in by_kind[kind]], kind, source)
     if kind == "linear":
         finest = _even_steps(readings, by_kind[kind], low, high, finest)
     names = np.array(readings.setup)
     for setup in by_kind[kind]:
-        _check_box(setup, readings.position_mm[names == setup.name], low, high, finest, source)
+        _check_box(
+            setup, readings.position_mm[names == setup.name], low, high, finest, source
+        )
     x, y, z = (float(value) for value in low)
     a, b, c = (float(value) for value in np.round(high - low, 6))
     return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=finest)
@@ -277,13 +287,18 @@ def _check_box(
     setup: Setup, points: Vector, low: Vector, high: Vector, increments: int, source: str
 ) -> None:
     moves = np.array(setup.signs) != 0
-    off = np.maximum(np.abs(points.min(axis=0) - low), np.abs(points.max(axis=0) - high)) * moves
+    off = (
+        np.maximum(np.abs(points.min(axis=0) - low), np.abs(points.max(axis=0) - high))
+        * moves
+    )
     # a stop and the edge, each with its tolerance
     if np.any(off > 2.0 * position_tolerance_mm((high - low) / increments)):
         axis = int(np.argmax(off))
         raise DataError(
             f"{source}: setup {setup.name}",
-            expected=message("as-others", axis="XYZ"[axis], low=low[axis], high_mm=high[axis]),
+            expected=message(
+                "as-others", axis="XYZ"[axis], low=low[axis], high_mm=high[axis]
+            ),
             found=message("mm-to", low=points[:, axis].min(), high_mm=points[:, axis].max()),
             remedy=message("all-diagonals-survey-span"),
         )
@@ -319,11 +334,15 @@ def _assemble(
     place = {setup.name: index for index, setup in enumerate(setups)}
     setup_index = np.array([place[key.setup] for key in keys])[pass_index]
     reported = readings.position_mm[order]
-    position = snapped_mm(volume, reported, targets_tolerance_mm(readings, passes, setups, volume))
+    position = snapped_mm(
+        volume, reported, targets_tolerance_mm(readings, passes, setups, volume)
+    )
     first = np.searchsorted(pass_index, np.arange(len(keys)))
     zero_index, offset_index, origin = _zeros(readings.zero[order], keys, pass_index)
     beam = np.where(
-        np.isfinite(readings.beam_mm[order]), readings.beam_mm[order], position[first][pass_index]
+        np.isfinite(readings.beam_mm[order]),
+        readings.beam_mm[order],
+        position[first][pass_index],
     )
     senses = np.array([laser_sense(readings, setup, passes) for setup in setups])
     direction = (senses[:, None] * np.array([_direction(setup, volume) for setup in setups]))[
@@ -392,14 +411,20 @@ def _zeros(
     is relative to."""
     stretches: dict[tuple[str, int, int], int] = {}
     offsets: dict[tuple[int, int], int] = {}
-    begins = np.flatnonzero(np.append(True, (np.diff(pass_index) != 0) | (np.diff(zero) != 0)))
+    begins = np.flatnonzero(
+        np.append(True, (np.diff(pass_index) != 0) | (np.diff(zero) != 0))
+    )
     runs = [
         (number, keys[index])
-        for number, index in zip(zero[begins].tolist(), pass_index[begins].tolist(), strict=True)
+        for number, index in zip(
+            zero[begins].tolist(), pass_index[begins].tolist(), strict=True
+        )
     ]
     # a pass without a stretch is one of its own
     stretch = [
-        stretches.setdefault((key.setup, number, 0 if number >= 0 else key.number), len(stretches))
+        stretches.setdefault(
+            (key.setup, number, 0 if number >= 0 else key.number), len(stretches)
+        )
         for number, key in runs
     ]
     pairs = [(of, (key.number + 1) // 2) for of, (_, key) in zip(stretch, runs, strict=True)]
@@ -414,7 +439,10 @@ def _zeros(
 
 
 def _approach(
-    travelled: Vector, pass_index: NDArray[np.int64], position_mm: Vector, turned: NDArray[np.bool_]
+    travelled: Vector,
+    pass_index: NDArray[np.int64],
+    position_mm: Vector,
+    turned: NDArray[np.bool_],
 ) -> Vector:
     """Return the sign of every axis' arrival at each stop, shape (m, 3): the sign of its pass.
 
@@ -452,7 +480,9 @@ def _drift_clock(
     timed = np.zeros(len(time_s), dtype=np.bool_)
     pair_of = [(key.setup, (key.number + 1) // 2) for key in keys]
     for pair in dict.fromkeys(pair_of):
-        rows = np.isin(pass_index, [index for index, other in enumerate(pair_of) if other == pair])
+        rows = np.isin(
+            pass_index, [index for index, other in enumerate(pair_of) if other == pair]
+        )
         stamps = time_s[rows]
         known = bool(np.all(np.isfinite(stamps)))
         clock[rows] = (stamps - stamps.min()) / 3600.0 if known else np.arange(len(stamps))
@@ -460,7 +490,9 @@ def _drift_clock(
     return clock, timed
 
 
-def _missing(readings: Readings, passes: dict[PassKey, NDArray[np.int64]]) -> tuple[Finding, ...]:
+def _missing(
+    readings: Readings, passes: dict[PassKey, NDArray[np.int64]]
+) -> tuple[Finding, ...]:
     """Return the finding that names the missing stops of passes."""
     lacking = {key: missing_stops(readings.stop[rows]) for key, rows in passes.items()}
     named = [
@@ -473,7 +505,9 @@ def _missing(readings: Readings, passes: dict[PassKey, NDArray[np.int64]]) -> tu
 
 def _inside_only(layout: Layout, findings: tuple[Finding, ...]) -> Layout:
     low = np.array(layout.volume.origin_mm)
-    beyond = np.maximum(low - layout.position_mm, layout.position_mm - low - layout.volume.size_mm)
+    beyond = np.maximum(
+        low - layout.position_mm, layout.position_mm - low - layout.volume.size_mm
+    )
     outside = np.any(beyond > POSITION_TOLERANCE_MM, axis=1)
     if not outside.any():
         return replace(layout, findings=findings)

@@ -53,9 +53,12 @@ def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
     for name, known in angles.items():
         axis, component = divmod(ROTATIONS.index(name), 3)
         angle_at_nodes(known, name, layout.volume)
-        at_corner = np.interp(layout.volume.origin_mm[axis], known.position_mm, known.value_urad)
+        at_corner = np.interp(
+            layout.volume.origin_mm[axis], known.position_mm, known.value_urad
+        )
         total += arms[:, axis, component] * (
-            np.interp(layout.position_mm[:, axis], known.position_mm, known.value_urad) - at_corner
+            np.interp(layout.position_mm[:, axis], known.position_mm, known.value_urad)
+            - at_corner
         )
     return total
 

@@ -48,7 +48,9 @@ class Quantities:
     def select(self, kept: NDArray[np.int64]) -> "Quantities":
         """Return some of the quantities, in this order."""
         combination = Rows(
-            self.combination.column[kept], self.combination.value[kept], self.combination.count
+            self.combination.column[kept],
+            self.combination.value[kept],
+            self.combination.count,
         )
         return Quantities(
             names=tuple(self.names[row] for row in kept.tolist()),
@@ -66,7 +68,12 @@ def quantities(columns: Columns, volume: Volume) -> Quantities:
         at = columns.of(DISPLACEMENT_PART, *divmod(index, 3))
         ends = np.column_stack([at[:-1], np.full(len(inner), at[-1])])
         pieces.append(
-            (name, inner, ends, np.column_stack([np.ones(len(inner)), -inner / columns.nodes]))
+            (
+                name,
+                inner,
+                ends,
+                np.column_stack([np.ones(len(inner)), -inner / columns.nodes]),
+            )
         )
     for index, name in enumerate(ROTATIONS if ROTATION_PART in columns.parts else ()):
         at = columns.of(ROTATION_PART, *divmod(index, 3))
@@ -83,11 +90,17 @@ def quantities(columns: Columns, volume: Volume) -> Quantities:
         for name, (first, second, sign) in _SHEARS.items()
     }
     slopes |= {
-        letter: ((axis, axis, 1.0), (axis, axis, 0.0)) for axis, letter in enumerate(AXIS_LETTERS)
+        letter: ((axis, axis, 1.0), (axis, axis, 0.0))
+        for axis, letter in enumerate(AXIS_LETTERS)
     }
     for name, terms in slopes.items():
         ends = np.array(
-            [[columns.of(DISPLACEMENT_PART, axis, component)[-1] for component, axis, _ in terms]]
+            [
+                [
+                    columns.of(DISPLACEMENT_PART, axis, component)[-1]
+                    for component, axis, _ in terms
+                ]
+            ]
         )
         rise = np.array([[1e3 * sign / volume.length_mm[axis] for _, axis, sign in terms]])
         pieces.append((name, np.zeros(1, dtype=np.int64), ends, rise))
@@ -126,7 +139,9 @@ def _effects_um(
     from_corner_m: Vector = 1e-3 * points * volume.step_mm
     if name in _SHEARS:
         first, second, sign = _SHEARS[name]
-        sheared: Vector = sign * from_corner_m[:, second, None, None] * np.eye(3)[first][:, None]
+        sheared: Vector = (
+            sign * from_corner_m[:, second, None, None] * np.eye(3)[first][:, None]
+        )
         return sheared
     if name in AXIS_LETTERS:
         axis = AXIS_LETTERS.index(name)

@@ -92,14 +92,20 @@ def _further(design: Design) -> list[tuple[str, int, int, float]]:
     """Return name, part, number in its part, and 1 where the end-point line is removed."""
     parts = design.columns.parts
     found = [(sloped(name), 0, DISPLACEMENTS.index(name), 0.0) for name in POSITIONING]
-    found += [(shape(name), 1, index, 1.0) for index, name in enumerate(ROTATIONS) if 1 in parts]
     found += [
-        (reversal(name), 2, index, 0.0) for index, name in enumerate(DISPLACEMENTS) if 2 in parts
+        (shape(name), 1, index, 1.0) for index, name in enumerate(ROTATIONS) if 1 in parts
+    ]
+    found += [
+        (reversal(name), 2, index, 0.0)
+        for index, name in enumerate(DISPLACEMENTS)
+        if 2 in parts
     ]
     return found
 
 
-def identified(found: Quantities, inverse: Inverse, usual: Mapping[str, float]) -> dict[str, bool]:
+def identified(
+    found: Quantities, inverse: Inverse, usual: Mapping[str, float]
+) -> dict[str, bool]:
     """Return for every quantity whether the readings determine it fully, and with an uncertainty
     below the ``usual`` size for a machine of its class.
 

@@ -37,17 +37,23 @@ def parse_straightness(
         rows = [
             row
             for number, fields in table
-            if (row := _straightness_row(fields, name, f"{source}: line {number}")) is not None
+            if (row := _straightness_row(fields, name, f"{source}: line {number}"))
+            is not None
         ]
         ways = sorted({row[0] for row in rows}, reverse=True)
         known += [
             _function(
-                name, way, sorted(row[1:] for row in rows if row[0] == way), f"{source}: {name}"
+                name,
+                way,
+                sorted(row[1:] for row in rows if row[0] == way),
+                f"{source}: {name}",
             )
             for way in ways
         ]
     if not known:
-        raise DataError(source, expected=message("value-straightness"), found=message("empty-only"))
+        raise DataError(
+            source, expected=message("value-straightness"), found=message("empty-only")
+        )
     return tuple(known)
 
 
@@ -125,7 +131,9 @@ def render_straightness(measured: Sequence[MeasuredStraightness]) -> str:
     lines = ["position_mm,approach," + ",".join(f"{name}_um,u_{name}_um" for name in names)]
     for approach in sorted({one.approach for one in measured}, reverse=True):
         mine = {one.name: one for one in measured if one.approach == approach}
-        places = sorted({float(position) for one in mine.values() for position in one.position_mm})
+        places = sorted(
+            {float(position) for one in mine.values() for position in one.position_mm}
+        )
         lines += [
             f"{at:.6f},{approach}," + ",".join(_fields(mine.get(name), at) for name in names)
             for at in places

@@ -87,7 +87,9 @@ def diagonal_data(layout: Layout) -> DiagonalData:
     ]
     return DiagonalData(
         volume=layout.volume,
-        by_position_um=np.array([np.mean([moves for moves, _ in part], axis=0) for part in parts]),
+        by_position_um=np.array(
+            [np.mean([moves for moves, _ in part], axis=0) for part in parts]
+        ),
         end_um=np.array([np.mean([end for _, end in part]) for part in parts]),
         passes=np.array([len(part) for part in parts], dtype=np.float64),
     )
@@ -105,11 +107,16 @@ def _one_pass(layout: Layout, index: int) -> tuple[Vector, float]:
             found=f"{len(rows)}",
         )
     if np.any(np.diff(layout.zero_index[rows])):
-        lost = int(layout.stop[rows][int(np.argmax(np.diff(layout.zero_index[rows]) != 0)) + 1])
+        lost = int(
+            layout.stop[rows][int(np.argmax(np.diff(layout.zero_index[rows]) != 0)) + 1]
+        )
         found = message("count-lost", stop=lost)
         where = f"{layout.source}: {layout.passes[index]}"
         raise DataError(
-            where, expected=message("unbroken-count"), found=found, remedy=message("estimate-or")
+            where,
+            expected=message("unbroken-count"),
+            found=found,
+            remedy=message("estimate-or"),
         )
     lower, fraction = between_nodes(layout.volume, layout.position_mm[rows])
     node = lower + np.round(fraction).astype(np.int64)
@@ -123,7 +130,9 @@ def _one_pass(layout: Layout, index: int) -> tuple[Vector, float]:
         )[moved]
     sense = 1.0 if layout.passes[index].outward else -1.0
     cumulated = np.hstack([np.zeros((3, 1)), np.cumsum(increments, axis=1)])
-    return cumulated, sense * float(layout.deviation_um[rows[-1]] - layout.deviation_um[rows[0]])
+    return cumulated, sense * float(
+        layout.deviation_um[rows[-1]] - layout.deviation_um[rows[0]]
+    )
 
 
 def wang2000(data: DiagonalData) -> VectorSolution:
@@ -132,7 +141,10 @@ def wang2000(data: DiagonalData) -> VectorSolution:
     size, diagonal = _sizes(data.volume)
     f = data.by_position_um
     error = np.array(
-        [(f[0] - f[1 + component]) * diagonal / (2 * size[component]) for component in range(3)]
+        [
+            (f[0] - f[1 + component]) * diagonal / (2 * size[component])
+            for component in range(3)
+        ]
     )
     ppp, npp, pnp, ppn = data.end_um
     pairs = {"xy": ppp + ppn, "zx": ppp + pnp, "yz": ppp + npp}
@@ -149,10 +161,16 @@ def least_squares(data: DiagonalData) -> VectorSolution:
     """
     size, diagonal = _sizes(data.volume)
     error = (
-        np.einsum("dc,dan->can", SIGNS, data.by_position_um) * diagonal / (4 * size[:, None, None])
+        np.einsum("dc,dan->can", SIGNS, data.by_position_um)
+        * diagonal
+        / (4 * size[:, None, None])
     )
     ppp, npp, pnp, ppn = data.end_um
-    terms = {"xy": ppp - npp - pnp + ppn, "zx": ppp - npp + pnp - ppn, "yz": ppp + npp - pnp - ppn}
+    terms = {
+        "xy": ppp - npp - pnp + ppn,
+        "zx": ppp - npp + pnp - ppn,
+        "yz": ppp + npp - pnp - ppn,
+    }
     return VectorSolution(
         error_um=without_end_line(error),
         theta_urad={

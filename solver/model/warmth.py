@@ -48,7 +48,9 @@ def counted_mm(layout: Layout) -> Vector:
     by axis, shape (m, 3)."""
     first = np.unique(layout.zero_index, return_index=True)[1]
     number = np.searchsorted(layout.zero_index[first], layout.zero_index)
-    travelled: Vector = (layout.position_mm - layout.position_mm[first][number]) * layout.direction
+    travelled: Vector = (
+        layout.position_mm - layout.position_mm[first][number]
+    ) * layout.direction
     return travelled
 
 
@@ -84,4 +86,6 @@ def _remarks(layout: Layout, assumed: Assumptions) -> tuple[Finding, ...]:
 
 def expansions(assumed: Assumptions) -> list[Message]:
     """Return the different expansions of the axes in um/m/C for a person."""
-    return [message("plain-figure", figure=one) for one in dict.fromkeys(assumed.expansion_um_m_c)]
+    return [
+        message("plain-figure", figure=one) for one in dict.fromkeys(assumed.expansion_um_m_c)
+    ]

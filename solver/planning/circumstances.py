@@ -12,7 +12,9 @@ from stepdiag.solver.planning.information import Aim, Zone
 USUAL_DWELL_S = 2.0
 """Averaging time in s assumed for a reading that states no noise of its own."""
 
-PITCH_AND_YAW = tuple(name for name in ROTATIONS if name[1] != "ABC"[AXIS_LETTERS.index(name[2])])
+PITCH_AND_YAW = tuple(
+    name for name in ROTATIONS if name[1] != "ABC"[AXIS_LETTERS.index(name[2])]
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,5 +48,6 @@ class Circumstances:
         axes = {run.travel.axis.upper() for run in runs if run.is_fourdof}
         names = [name for name in self.head_turns if name[2] in axes]
         return {
-            name: min(2.0 * self.head_u_urad, self.assumed.angle_range_urad(name)) for name in names
+            name: min(2.0 * self.head_u_urad, self.assumed.angle_range_urad(name))
+            for name in names
         }

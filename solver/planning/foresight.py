@@ -119,7 +119,9 @@ class Foresight:
         """
         larger = np.sqrt(max(float(np.mean(class_factors() ** 2)) - 1.0, 0.0))
         return float(
-            np.linalg.norm([self.full[0], larger * self.missed[1], self.curved_um, self.hidden_um])
+            np.linalg.norm(
+                [self.full[0], larger * self.missed[1], self.curved_um, self.hidden_um]
+            )
         )
 
     @cached_property
@@ -149,7 +151,9 @@ class Foresight:
     @property
     def curved_um(self) -> float:
         """Return the usual size of functions between targets beside a smooth curve, in um."""
-        return float(np.sqrt(9.0)) * self.assumed.shape_um * _between_targets(self.increments)[0]
+        return (
+            float(np.sqrt(9.0)) * self.assumed.shape_um * _between_targets(self.increments)[0]
+        )
 
     @property
     def hidden_um(self) -> float:
@@ -230,7 +234,9 @@ def bent_um(assumed: Assumptions, increments: int) -> float:
     mean square over the volume.
     """
     return (
-        float(np.sqrt(9.0)) * assumed.shape_um * float(np.linalg.norm(_between_targets(increments)))
+        float(np.sqrt(9.0))
+        * assumed.shape_um
+        * float(np.linalg.norm(_between_targets(increments)))
     )
 
 
@@ -250,7 +256,9 @@ def _missed_um(ahead: Foresight, missing: NDArray[np.bool_]) -> float:
         if name in AXIS_LETTERS:
             length_m = 1e-3 * volume.size_mm[AXIS_LETTERS.index(name)]
             total += float(
-                np.sum((size * length_m * (own * machine.node / volume.increments) @ fields) ** 2)
+                np.sum(
+                    (size * length_m * (own * machine.node / volume.increments) @ fields) ** 2
+                )
             )
         else:
             total += float(np.sum((size * fields[own]) ** 2))

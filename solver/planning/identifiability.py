@@ -76,7 +76,9 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
     survey = _coarse(layout)
     coarse = lay_out(perfect_readings(survey), layout.source, survey.volume)
     design = build_design(
-        coarse, chain, Model(angles=True, reversal=any(run.return_pass for run in survey.runs))
+        coarse,
+        chain,
+        Model(angles=True, reversal=any(run.return_pass for run in survey.runs)),
     )
     found = reported(design)
     seen = _seen(design).sees(found.combination)

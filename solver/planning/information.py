@@ -83,7 +83,9 @@ class SetupInformation:
     assumed: Assumptions
 
 
-def information_by_setup(layout: Layout, chain: str, assumed: Assumptions) -> SetupInformation:
+def information_by_setup(
+    layout: Layout, chain: str, assumed: Assumptions
+) -> SetupInformation:
     """Return the information of each setup of a layout. Raises ``UsageError`` for an invalid
     chain.
     """
@@ -98,12 +100,18 @@ def information_by_setup(layout: Layout, chain: str, assumed: Assumptions) -> Se
     own = np.hstack(
         [effect.pattern_um for effect in effects if effect.name not in (*TURNING, *COMMON)]
     )
-    rows = [np.flatnonzero(layout.setup_index == index) for index in range(len(layout.setups))]
+    rows = [
+        np.flatnonzero(layout.setup_index == index) for index in range(len(layout.setups))
+    ]
     each = [
-        _information(design, mine, common[mine], own[mine], weight[mine], assumed.repeatability_um)
+        _information(
+            design, mine, common[mine], own[mine], weight[mine], assumed.repeatability_um
+        )
         for mine in rows
     ]
-    return SetupInformation(each=np.array(each), design=design, shapes=shapes, assumed=assumed)
+    return SetupInformation(
+        each=np.array(each), design=design, shapes=shapes, assumed=assumed
+    )
 
 
 def _common(layout: Layout, effects: tuple[Effect, ...]) -> Vector:
@@ -115,7 +123,10 @@ def _common(layout: Layout, effects: tuple[Effect, ...]) -> Vector:
     return np.hstack(
         [
             *turning,
-            *(patterns.get(name, np.zeros((len(layout), count))) for name, count in COMMON.items()),
+            *(
+                patterns.get(name, np.zeros((len(layout), count)))
+                for name, count in COMMON.items()
+            ),
         ]
     )
 
@@ -135,7 +146,10 @@ def _information(
     dense = np.zeros((len(mine), machine + len(used)))
     np.add.at(dense, (np.arange(len(mine))[:, None], place[rows.column]), rows.value)
     own = own[:, np.any(own, axis=0)]
-    shared, alone = np.hstack([dense[:, :machine], common]), np.hstack([dense[:, machine:], own])
+    shared, alone = (
+        np.hstack([dense[:, :machine], common]),
+        np.hstack([dense[:, machine:], own]),
+    )
     misses = used >= design.columns.miss
     precision = np.concatenate(
         [
@@ -209,7 +223,9 @@ def inverse(matrix: Vector) -> Vector:
     return symmetric
 
 
-def machinery(found: SetupInformation, aim: Aim = "lattice", zone: Zone | None = None) -> Machinery:
+def machinery(
+    found: SetupInformation, aim: Aim = "lattice", zone: Zone | None = None
+) -> Machinery:
     """Return the machine behind the unknowns; ``zone`` is the part of the volume that matters, all
     of it if None.
     """
@@ -218,7 +234,9 @@ def machinery(found: SetupInformation, aim: Aim = "lattice", zone: Zone | None =
     displacements = design.columns.machine
     machine = machine_of(design, shapes, 0, turning)
     rest = np.zeros((len(machine.names), found.each.shape[1] - displacements - turning))
-    values = np.hstack([machine.combination.dense()[:, :displacements], machine.on_causes, rest])
+    values = np.hstack(
+        [machine.combination.dense()[:, :displacements], machine.on_causes, rest]
+    )
     names = reported(design)
     rows, u = usual_rows(names, dict.fromkeys(names.names, False), assumed)
     usual = np.hstack(
@@ -237,7 +255,9 @@ def machinery(found: SetupInformation, aim: Aim = "lattice", zone: Zone | None =
         usual_names=usual_names(names, dict.fromkeys(names.names, False), assumed),
         usual_u=u,
         causes=np.concatenate([np.zeros(displacements), np.ones(turning + rest.shape[1])]),
-        turning=np.concatenate([np.zeros(displacements), np.ones(turning), np.zeros(rest.shape[1])])
+        turning=np.concatenate(
+            [np.zeros(displacements), np.ones(turning), np.zeros(rest.shape[1])]
+        )
         > 0,
     )
 
@@ -287,7 +307,9 @@ def determined(
     uncertainty.
     """
     names, displacements = reported(found.design), found.design.columns.machine
-    own = information[:displacements, :displacements] + np.eye(displacements) / _ANYTHING_UM**2
+    own = (
+        information[:displacements, :displacements] + np.eye(displacements) / _ANYTHING_UM**2
+    )
     square = _variances(names.combination.dense()[:, :displacements], inverse(own))
     return {
         name: bool(np.mean(square[names.of(name)]) < usual.get(name, _ANYTHING_UM) ** 2)
@@ -295,7 +317,9 @@ def determined(
     }
 
 
-def uncertainties(found: SetupInformation, information: Vector, of: Machinery) -> dict[str, float]:
+def uncertainties(
+    found: SetupInformation, information: Vector, of: Machinery
+) -> dict[str, float]:
     """Return by name the root mean square of the standard uncertainty over a function's nodes, from
     the readings and the usual sizes of causes alone."""
     names, displacements = reported(found.design), found.design.columns.machine

@@ -96,7 +96,9 @@ class Forecast:
     @property
     def u(self) -> dict[str, float | None]:
         """Return combined standard uncertainties."""
-        return {name: self.ahead.u.get(name) for name in (*FUNCTIONS, *SQUARENESS, *AXIS_LETTERS)}
+        return {
+            name: self.ahead.u.get(name) for name in (*FUNCTIONS, *SQUARENESS, *AXIS_LETTERS)
+        }
 
     @property
     def volumetric_um(self) -> float:
@@ -165,7 +167,9 @@ def plan(
     chosen = best or now
     more = forecast(chosen.plan.with_runs(*(Run(setup=name) for name in FOURDOF_RUNS)), about)
     helps = not about.head and more.left_um.value_um < WORTH * chosen.left_um.value_um
-    return Advice(forecast=now, front=_worth(found), best=best, with_head=more if helps else None)
+    return Advice(
+        forecast=now, front=_worth(found), best=best, with_head=more if helps else None
+    )
 
 
 def _times(available_min: float | None) -> list[float]:
@@ -218,7 +222,11 @@ def _down_to(
     for _ in range(HALVINGS):
         middle = 0.5 * (low + best.minutes)
         shorter = next(
-            (one for one in _found(search, about, [middle]) if one.left_um.value_um <= target_um),
+            (
+                one
+                for one in _found(search, about, [middle])
+                if one.left_um.value_um <= target_um
+            ),
             None,
         )
         low, best = (middle, best) if shorter is None else (low, shorter)
@@ -231,12 +239,17 @@ def forecast(survey: Plan, about: Circumstances) -> Forecast:
     """
     coarse = replace(
         survey,
-        volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)),
+        volume=replace(
+            survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)
+        ),
     )
     layout = lay_out(
         perfect_readings(coarse, about.reading_um(survey.pace.dwell_s)), "plan", coarse.volume
     )
     angles = {**about.assumed.angle_urad, **about.head_ranges_urad(survey.runs)}
     return Forecast(
-        plan=survey, layout=layout, about=about, assumed=replace(about.assumed, angle_urad=angles)
+        plan=survey,
+        layout=layout,
+        about=about,
+        assumed=replace(about.assumed, angle_urad=angles),
     )

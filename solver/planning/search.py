@@ -22,7 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.names import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
-from stepdiag.base.readings.runs import Plan, Run, perfect_readings, run_minutes, setup_minutes
+from stepdiag.base.readings.runs import (
+    Plan,
+    Run,
+    perfect_readings,
+    run_minutes,
+    setup_minutes,
+)
 from stepdiag.base.setups import DRIVEN_SETUPS, FACE_DIAGONALS, setup_of
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.linear.families import hidden_factors
@@ -123,7 +129,9 @@ def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
         lines += [(name, _triple(share * size * stands)) for share in (0.0, 0.5, 1.0)]
     for name in LINEAR_RUNS:
         first, second = np.eye(3)[np.array(setup_of(name).signs) == 0] * size
-        lines += [(name, _triple(a * first + b * second)) for a in (0.0, 1.0) for b in (0.0, 1.0)]
+        lines += [
+            (name, _triple(a * first + b * second)) for a in (0.0, 1.0) for b in (0.0, 1.0)
+        ]
     lines += [
         (name, (0.0, 0.0, 0.0))
         for name in FOURDOF_RUNS
@@ -175,13 +183,18 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
             ways.of(
                 replace(
                     run,
-                    setup=setup_of(base).shifted(number[base] if any(run.beam_offset_mm) else 0),
+                    setup=setup_of(base).shifted(
+                        number[base] if any(run.beam_offset_mm) else 0
+                    ),
                 )
             )
         )
     pace = replace(survey.pace, dwell_s=ways.dwell_s)
     return replace(
-        survey, runs=tuple(runs), volume=replace(survey.volume, increments=increments), pace=pace
+        survey,
+        runs=tuple(runs),
+        volume=replace(survey.volume, increments=increments),
+        pace=pace,
     )
 
 
@@ -240,7 +253,9 @@ class Exchange:
         done: Sequence[Run] = (),
         weighed_on: int = COARSE,
     ) -> None:
-        self._survey = replace(survey, runs=(), pace=replace(survey.pace, dwell_s=ways.dwell_s))
+        self._survey = replace(
+            survey, runs=(), pace=replace(survey.pace, dwell_s=ways.dwell_s)
+        )
         self._about, self._ways = about, ways
         self.lines = tuple(lines)
         self._coarse = replace(survey.volume, increments=weighed_on)
@@ -259,7 +274,9 @@ class Exchange:
             more = _known_angles(self._ahead, about, [*measured, lines[place]]) - known_before
             self._information[place] = np.diag(more)
         known = self._each(place for place in before if place not in heads)
-        self._usual = self._ahead.of.precision() + np.sum(known, axis=0) + np.diag(known_before)
+        self._usual = (
+            self._ahead.of.precision() + np.sum(known, axis=0) + np.diag(known_before)
+        )
         self._seen = self._ahead.of.seen
         self._base = np.array([DRIVEN_SETUPS.index(run.travel.base) for run in lines])
         stands = replace(self._survey, runs=tuple(done[-1:]))
@@ -274,7 +291,9 @@ class Exchange:
         """Compute the information of some lines; return the foresight of a survey of them."""
         layout = lay_out(
             perfect_readings(
-                Plan(volume=self._coarse, runs=tuple(self._driven[place] for place in places)),
+                Plan(
+                    volume=self._coarse, runs=tuple(self._driven[place] for place in places)
+                ),
                 self._about.reading_um(self._ways.dwell_s),
             ),
             "plan",
@@ -302,7 +321,9 @@ class Exchange:
         for first in range(0, len(missing), TOGETHER):
             self._laid_out(missing[first : first + TOGETHER])
         size = len(self._ahead.of.causes)
-        return np.array([self._information[place] for place in wanted]).reshape(-1, size, size)
+        return np.array([self._information[place] for place in wanted]).reshape(
+            -1, size, size
+        )
 
     def _driving(self, increments: int) -> Vector:
         if increments not in self._driving_min:
@@ -321,7 +342,9 @@ class Exchange:
         """
         hidden = float(np.quantile(hidden_factors(), 0.5)) * self._ahead.hidden_um
         return (
-            hidden**2 + bent_um(self._about.assumed, increments) ** 2 + self._ahead.of.floor_um**2
+            hidden**2
+            + bent_um(self._about.assumed, increments) ** 2
+            + self._ahead.of.floor_um**2
         )
 
     @cached_property
@@ -363,7 +386,9 @@ class Exchange:
             self._survey.pace.beam_shift_min,
             self._setting_min,
         )
-        fits = self.minutes(some, increments) + setting + self._driving(increments) <= limit_min
+        fits = (
+            self.minutes(some, increments) + setting + self._driving(increments) <= limit_min
+        )
         fits[some] = False
         return np.flatnonzero(fits)
 
@@ -440,7 +465,9 @@ class Exchange:
                 if found.min() < best[0]:
                     # of equally good lines the simplest is offered first
                     first = int(
-                        np.argmax((found <= found.min() + LEAST_GAIN * beside) & (found < best[0]))
+                        np.argmax(
+                            (found <= found.min() + LEAST_GAIN * beside) & (found < best[0])
+                        )
                     )
                     best = (float(found[first]), [*left, int(fitting[first])])
             if best[1] is now:
@@ -466,7 +493,11 @@ class Exchange:
     def start(self, increments: int, limit_min: float) -> tuple[int, ...]:
         """Return the best choice of lines without a shift within a time; empty if none fits."""
         return next(
-            (choice for _, choice in self._starts if self.minutes(choice, increments) <= limit_min),
+            (
+                choice
+                for _, choice in self._starts
+                if self.minutes(choice, increments) <= limit_min
+            ),
             (),
         )
 
@@ -480,7 +511,9 @@ def _increments(survey: Plan, about: Circumstances) -> list[int]:
     whole = [n for n in INCREMENTS if np.allclose(size / n, np.round(size / n, 3), atol=1e-9)]
     own = any(run.targets for run in survey.runs)
     return (
-        [n for n in whole if own or n not in about.in_step] or whole or [survey.volume.increments]
+        [n for n in whole if own or n not in about.in_step]
+        or whole
+        or [survey.volume.increments]
     )
 
 
@@ -511,7 +544,10 @@ class Search:
             one
             for ways in once
             for one in self._from(
-                self.driven(ways).start(self._middle, limit_min), ways, self._middle, limit_min
+                self.driven(ways).start(self._middle, limit_min),
+                ways,
+                self._middle,
+                limit_min,
             )
         ]
         # the dwell that is best on few increments is most often so on many
@@ -527,7 +563,9 @@ class Search:
             return None
         _, lines, ways, increments = min(found, key=lambda one: one[0])
         self._before = (lines, ways)
-        return survey_of(self._survey, [self.lines[place] for place in lines], ways, increments)
+        return survey_of(
+            self._survey, [self.lines[place] for place in lines], ways, increments
+        )
 
     def _from(
         self, start: Sequence[int], ways: Ways, increments: int, limit_min: float
@@ -549,7 +587,8 @@ class Search:
             ways = min(others, key=lambda one: self.driven(one).square_um2(chosen))
             chosen = self.driven(ways).improved(chosen, increments, limit_min)
             yield (
-                self.driven(ways).square_um2(chosen) + self.driven(ways).beside_um2(increments),
+                self.driven(ways).square_um2(chosen)
+                + self.driven(ways).beside_um2(increments),
                 chosen,
                 ways,
                 increments,
@@ -565,5 +604,7 @@ def _known_angles(ahead: Foresight, about: Circumstances, runs: Sequence[Run]) -
     known = about.head_ranges_urad(runs)
     for name in shapes.names:
         if name in known:
-            added[first + shapes.causes_of(name)] = (shapes.range_of(name) / known[name]) ** 2 - 1.0
+            added[first + shapes.causes_of(name)] = (
+                shapes.range_of(name) / known[name]
+            ) ** 2 - 1.0
     return added

@@ -70,7 +70,9 @@ def sequel(
     known = [_offered_line(run) for run in driven]
     # a line beside a planned line follows as soon as that setup stands
     further = [
-        line for line in offered(survey, shown) if line.setup not in awaited and line not in known
+        line
+        for line in offered(survey, shown)
+        if line.setup not in awaited and line not in known
     ]
     lines, ways = (*map(_offered_line, todo), *further), _ways(survey)
     chosen = _most_a_minute(
@@ -111,7 +113,10 @@ def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequenc
     found: list[tuple[float, float, Sequence[int]]] = []
     for limit in dict.fromkeys((*(HORIZON_MIN * share for share in TIMES), rest_min)):
         starts = [[], todo] if todo and rest_min <= limit else [[]]
-        choices = [*(exchange.improved(start, increments, limit) for start in starts), *starts[1:]]
+        choices = [
+            *(exchange.improved(start, increments, limit) for start in starts),
+            *starts[1:],
+        ]
         found += [
             (_left_um(exchange, one, increments), exchange.minutes(one, increments), one)
             for one in choices
@@ -167,7 +172,11 @@ def _named(
     return tuple(
         sorted(
             runs,
-            key=lambda run: (setup_of(run.setup).base != stands, run not in todo, runs.index(run)),
+            key=lambda run: (
+                setup_of(run.setup).base != stands,
+                run not in todo,
+                runs.index(run),
+            ),
         )
     )
 
@@ -184,9 +193,8 @@ def shown_by(
         found = adjust(
             lay_out(readings, "readings", survey.volume), about.chain, assumed=about.assumed
         )
-    except (
-        StepdiagError
-    ):  # too few stops, or a pass that contradicts its plan: the survey's own doubts name this pass
+    except StepdiagError:
+        # too few stops, or a pass that contradicts its plan: the survey's own doubts name this pass
         return about, None
     assumed, scatter = about.assumed, found.scatter
     repeats = assumed.repeatability_um and np.any(scatter.freedom_misses[:3] > 0)

@@ -105,7 +105,9 @@ class PositioningFigures:
         return {name: value for name, value in named.items() if isinstance(value, float)}
 
 
-def positioning_figures(runs: PositioningRuns, standard: str = "iso-230-2") -> PositioningFigures:
+def positioning_figures(
+    runs: PositioningRuns, standard: str = "iso-230-2"
+) -> PositioningFigures:
     """Return the figures of an axis by the standard named in ``COVERAGES`` (theory.md 8.1; B5.54:
     8.5).
 
@@ -210,7 +212,11 @@ def vdi_3441_figures(runs: PositioningRuns) -> VdiFigures:
 
 
 def arrange_runs(
-    target_mm: ArrayLike, pass_number: ArrayLike, deviation_um: ArrayLike, *, common_zero: bool
+    target_mm: ArrayLike,
+    pass_number: ArrayLike,
+    deviation_um: ArrayLike,
+    *,
+    common_zero: bool,
 ) -> tuple[PositioningRuns, tuple[Finding, ...]]:
     """Return the rows of a run as a table of targets by runs, and the reasons for rows left out.
 
@@ -221,7 +227,9 @@ def arrange_runs(
     targets, row = np.unique(np.asarray(target_mm, dtype=np.float64), return_inverse=True)
     passes = np.asarray(pass_number, dtype=np.int64)
     deviation = np.asarray(deviation_um, dtype=np.float64)
-    up, down = (_pass_columns(row, len(targets), passes, deviation, parity) for parity in (1, 0))
+    up, down = (
+        _pass_columns(row, len(targets), passes, deviation, parity) for parity in (1, 0)
+    )
     if down.shape[1] == 0:
         return PositioningRuns(target_mm=targets, up_um=up), ()
     if not common_zero:
@@ -230,7 +238,11 @@ def arrange_runs(
 
 
 def _pass_columns(
-    row: NDArray[np.intp], targets: int, passes: NDArray[np.int64], deviation: Vector, parity: int
+    row: NDArray[np.intp],
+    targets: int,
+    passes: NDArray[np.int64],
+    deviation: Vector,
+    parity: int,
 ) -> Vector:
     """Return the passes of a direction as columns; a stop missing in a pass stays NaN."""
     numbers = np.unique(passes[passes % 2 == parity])
@@ -303,10 +315,15 @@ def _plan_findings(runs: PositioningRuns) -> tuple[Finding, ...]:
         if len(runs.target_mm) < needed:
             found.append(
                 message(
-                    "iso230-plan.targets", count=len(runs.target_mm), span_mm=span_mm, needed=needed
+                    "iso230-plan.targets",
+                    count=len(runs.target_mm),
+                    span_mm=span_mm,
+                    needed=needed,
                 )
             )
-        fewest = min(table.shape[1] for table in (runs.up_um, runs.down_um) if table is not None)
+        fewest = min(
+            table.shape[1] for table in (runs.up_um, runs.down_um) if table is not None
+        )
         if fewest < MIN_RUNS:
             found.append(message("iso230-plan.runs", count=fewest, needed=MIN_RUNS))
     return tuple(finding("warning", words) for words in found)

@@ -112,7 +112,8 @@ def straightness_um(
 
 def _through(position_mm: float, height_um: float, slope_urad: float) -> Line:
     return Line(
-        offset_um=float(height_um - 1e-3 * slope_urad * position_mm), slope_urad=float(slope_urad)
+        offset_um=float(height_um - 1e-3 * slope_urad * position_mm),
+        slope_urad=float(slope_urad),
     )
 
 
@@ -124,7 +125,10 @@ def _hull_slopes_urad(position: Vector, deviation: Vector) -> Vector:
     starts = np.searchsorted(position[order], places)
     highest = np.maximum.reduceat(deviation[order], starts)
     lowest = np.minimum.reduceat(deviation[order], starts)
-    edges = [*_upper_hull(places, highest), *((x, -y) for x, y in _upper_hull(places, -lowest))]
+    edges = [
+        *_upper_hull(places, highest),
+        *((x, -y) for x, y in _upper_hull(places, -lowest)),
+    ]
     x, y = np.array(edges).T
     run, rise = np.diff(x), np.diff(y)
     slopes: Vector = 1e3 * rise[run > 0] / run[run > 0]
@@ -140,5 +144,7 @@ def _upper_hull(x: Vector, y: Vector) -> list[tuple[float, float]]:
     return hull
 
 
-def _turns_left(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
+def _turns_left(
+    a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]
+) -> bool:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) >= 0

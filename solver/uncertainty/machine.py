@@ -81,7 +81,9 @@ def machine_of(
         *(sloped(name) if name in POSITIONING else name for name in DISPLACEMENTS),
         *SQUARENESS,
     ]
-    wanted += [name for name in ROTATIONS if 1 in design.columns.parts and name not in shapes.names]
+    wanted += [
+        name for name in ROTATIONS if 1 in design.columns.parts and name not in shapes.names
+    ]
     kept = [
         row
         for name in wanted
@@ -102,7 +104,9 @@ def machine_of(
         beside[row, cause] = size
     width, more = base.combination.column.shape[1], len(angles) + len(beside)
     none = Rows(
-        np.zeros((more, width), dtype=np.int64), np.zeros((more, width)), base.combination.count
+        np.zeros((more, width), dtype=np.int64),
+        np.zeros((more, width)),
+        base.combination.count,
     )
     named = (
         *(name.removeprefix("sloped ") for name in base.names),
@@ -111,7 +115,11 @@ def machine_of(
     return Machine(
         names=(*named, *tuple(PRODUCTS)[: len(beside)]),
         node=np.concatenate(
-            [base.node, np.tile(inner, len(shapes.names)), np.zeros(len(beside), dtype=np.int64)]
+            [
+                base.node,
+                np.tile(inner, len(shapes.names)),
+                np.zeros(len(beside), dtype=np.int64),
+            ]
         ),
         combination=base.combination.followed_by(none),
         on_causes=np.vstack([np.zeros((len(base.names), causes)), angles, beside]),
@@ -133,7 +141,9 @@ def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
     usual = dict.fromkeys(DISPLACEMENTS, assumed.shape_um)
     # an axis that was not measured also grew during the warm-up
     usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad)
-    usual |= dict.fromkeys(AXIS_LETTERS, float(np.hypot(assumed.scale_um_m, assumed.growth_um_m)))
+    usual |= dict.fromkeys(
+        AXIS_LETTERS, float(np.hypot(assumed.scale_um_m, assumed.growth_um_m))
+    )
     least = NEXT_TO_NOTHING * max(usual.values())
     return {name: max(size, least) for name, size in usual.items() if size > 0}
 
@@ -169,7 +179,9 @@ def with_usual(mixed: MixedFit, design: Design, rows: Rows, u: Vector) -> MixedF
     return with_rows(replace(mixed, fixed=seen), design, rows, u, np.zeros((len(rows), 0)))
 
 
-def with_rows(mixed: MixedFit, design: Design, rows: Rows, u: Vector, pattern: Vector) -> MixedFit:
+def with_rows(
+    mixed: MixedFit, design: Design, rows: Rows, u: Vector, pattern: Vector
+) -> MixedFit:
     """Return the fit with further rows whose target is zero, and the effect of further causes on
     them: ``pattern`` (rows, k), each of size one.
     """
@@ -202,7 +214,9 @@ def covariance(spread: Spread, machine: Machine) -> Vector:
     return 0.5 * (matrix + matrix.T)
 
 
-def separated(machine: Machine, inverse: Inverse, rows: Rows, u: Vector) -> tuple[Machine, Vector]:
+def separated(
+    machine: Machine, inverse: Inverse, rows: Rows, u: Vector
+) -> tuple[Machine, Vector]:
     """Return the machine's values as known from the readings, and the covariance (k, k) of the part
     known only from the usual ``rows``.
 
@@ -214,7 +228,9 @@ def separated(machine: Machine, inverse: Inverse, rows: Rows, u: Vector) -> tupl
     moved = machine.combination.times(inverse.null) @ hidden
     unseen = machine.combination.dense() - moved @ (rows.dense() / u[:, None])
     column = np.tile(np.arange(unseen.shape[1]), (len(unseen), 1))
-    return replace(machine, combination=Rows(column, unseen, unseen.shape[1])), moved @ moved.T
+    return replace(
+        machine, combination=Rows(column, unseen, unseen.shape[1])
+    ), moved @ moved.T
 
 
 def posterior_of(
@@ -263,7 +279,9 @@ def posterior_of(
             if np.any(values)
         },
         modes={
-            name: values for name, values in _by_name(machine, names, volume, modes) if len(values)
+            name: values
+            for name, values in _by_name(machine, names, volume, modes)
+            if len(values)
         },
         rest={
             name: values[0]
@@ -346,7 +364,9 @@ def _free_fields_um(
 
 
 @lru_cache(maxsize=4)
-def _fields_um(names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str) -> Vector:
+def _fields_um(
+    names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str
+) -> Vector:
     points = anywhere_mm(volume)
     field = np.zeros((len(names), len(points), 3))
     for name in dict.fromkeys(names):
@@ -356,7 +376,9 @@ def _fields_um(names: tuple[str, ...], node: tuple[int, ...], volume: Volume, ch
             field[mine] = field_of_um(volume, chain, {}, {name: table[:, 0]}, points)
         else:
             nodes = volume.nodes_mm(AXIS_LETTERS.index(name[2]))[mode_nodes(volume)]
-            field[mine] = field_of_um(volume, chain, {name: Tabulated(nodes, table)}, {}, points)
+            field[mine] = field_of_um(
+                volume, chain, {name: Tabulated(nodes, table)}, {}, points
+            )
     flat: Vector = field.reshape(len(names), -1)
     flat.setflags(write=False)
     return flat

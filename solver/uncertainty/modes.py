@@ -48,7 +48,9 @@ class BySize:
 
 def _size_columns(sizes: int, first: Vector, second: Vector) -> Vector:
     """Return two tables (sizes or 1, modes) beside each other, each with a row for every size."""
-    return np.hstack([np.broadcast_to(part, (sizes, part.shape[1])) for part in (first, second)])
+    return np.hstack(
+        [np.broadcast_to(part, (sizes, part.shape[1])) for part in (first, second)]
+    )
 
 
 def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
@@ -63,7 +65,9 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
     return _factored(np.diag(found), found @ fields, fields, most)
 
 
-def _factored(variance: Vector, across: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
+def _factored(
+    variance: Vector, across: Vector, fields: Vector, most: int
+) -> tuple[Vector, Vector]:
     """Return the result of `factored` for a covariance with the diagonal ``variance`` (k,), of
     which ``across`` (k, values) is the product with ``fields``.
     """

@@ -64,7 +64,11 @@ def smoothed(spread: Spread, design: Design, quantities: Quantities) -> Spread:
     number = np.arange(1, nodes)
     waves = np.sin(np.pi * np.outer(number, number) / nodes)
     every = [quantities.select(quantities.of(name)).combination for name in DISPLACEMENTS]
-    seen = [rows for rows in every if len(rows) >= FEWEST and np.all(spread.fit.inverse.sees(rows))]
+    seen = [
+        rows
+        for rows in every
+        if len(rows) >= FEWEST and np.all(spread.fit.inverse.sees(rows))
+    ]
     if not seen:
         return spread
     shapes = [_Shape.of(spread, rows, waves) for rows in seen]
@@ -142,5 +146,7 @@ def _diagonal(blocks: Sequence[Vector]) -> Vector:
     matrix = np.zeros((height, width))
     left = accumulate((each.shape[1] for each in blocks), initial=0)
     for place, (first, each) in enumerate(zip(left, blocks, strict=False)):
-        matrix[place * len(each) : (place + 1) * len(each), first : first + each.shape[1]] = each
+        matrix[place * len(each) : (place + 1) * len(each), first : first + each.shape[1]] = (
+            each
+        )
     return matrix

@@ -47,7 +47,8 @@ class Spread:
         q).
         """
         return sum(
-            (family.surplus() for family in self.families.values()), self.fit.amount_covariance
+            (family.surplus() for family in self.families.values()),
+            self.fit.amount_covariance,
         )
 
     @cached_property

@@ -65,11 +65,15 @@ def plot_field(result: Result) -> "Figure":
     points = lattice_mm(result.volume, LATTICE)
     errors = without_rigid_motion(result.volume, points, error_field_um(result, points))
     length = np.linalg.norm(errors, axis=1)
-    drawn = errors * (_LONGEST_SHARE * max(result.volume.size_mm) / max(float(length.max()), 1e-9))
+    drawn = errors * (
+        _LONGEST_SHARE * max(result.volume.size_mm) / max(float(length.max()), 1e-9)
+    )
     panel: Any = figure.add_subplot(projection="3d")
     panel.quiver(*points.T, *drawn.T, length=1.0)
     panel.set_box_aspect(result.volume.size_mm)
-    panel.set(xlabel="X / mm", ylabel="Y / mm", zlabel="Z / mm", title=f"max {length.max():.1f} µm")
+    panel.set(
+        xlabel="X / mm", ylabel="Y / mm", zlabel="Z / mm", title=f"max {length.max():.1f} µm"
+    )
     return figure
 
 

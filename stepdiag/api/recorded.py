@@ -32,7 +32,9 @@ def read_log(path: Path | str) -> RecordedLog:
     Raises ``DataError`` for a file that is not a log of this program.
     """
     log = open_log(Path(path))
-    decoder = laser_decoder(parse_survey(log.header.survey_text, f"{Path(path).name}: survey.toml"))
+    decoder = laser_decoder(
+        parse_survey(log.header.survey_text, f"{Path(path).name}: survey.toml")
+    )
     batches = [decoder.feed(b"", 0)]
     for event in log.events():
         match event:

@@ -37,7 +37,16 @@ _OF_A_STOP = (
     "time_s",
     "beam",
 )
-_OF_A_FINDING = ("code", "severity", "action", "setup", "pass_number", "stop", "size_um", "text")
+_OF_A_FINDING = (
+    "code",
+    "severity",
+    "action",
+    "setup",
+    "pass_number",
+    "stop",
+    "size_um",
+    "text",
+)
 
 
 @singledispatch
@@ -49,7 +58,9 @@ def table(of: object) -> Table:
     of samples are those of `daq.timing.samples.Samples` without channels; ``counter`` is the
     instrument's own clock. Raises UsageError for another type of value.
     """
-    expected = message("one-of", names=("Readings", "RecordedLog", "Samples", "Result", "Finding"))
+    expected = message(
+        "one-of", names=("Readings", "RecordedLog", "Samples", "Result", "Finding")
+    )
     raise UsageError("table", expected=expected, found=type(of).__name__)
 
 
@@ -60,7 +71,9 @@ def _(of: Readings) -> Table:
         "pass": of.pass_number.tolist(),
         "stop": of.stop.tolist(),
     }
-    columns |= {f"{axis}_mm": of.position_mm[:, index].tolist() for index, axis in enumerate(AXES)}
+    columns |= {
+        f"{axis}_mm": of.position_mm[:, index].tolist() for index, axis in enumerate(AXES)
+    }
     return columns | {
         name: getattr(of, name).tolist()
         for name in ("reading_mm", "u_um", "temperature_c", "time_s")
@@ -103,7 +116,9 @@ def _(of: Sequence[CapturedStop | Finding]) -> Table:
         return _columns(
             _OF_A_FINDING, ([getattr(each, name) for name in _OF_A_FINDING] for each in of)
         )
-    columns = _columns(_OF_A_STOP, ([getattr(each, name) for name in _OF_A_STOP] for each in of))
+    columns = _columns(
+        _OF_A_STOP, ([getattr(each, name) for name in _OF_A_STOP] for each in of)
+    )
     at_mm = [each.position_mm for each in of if isinstance(each, CapturedStop)]
     return columns | {
         f"{axis}_mm": [each[index] for each in at_mm] for index, axis in enumerate(AXES)

@@ -34,7 +34,8 @@ class Statement:
         if self.state not in ("off", "on"):
             return "not stated"
         named = "; ".join(
-            f"{file.name} sha256 {file.sha256} ({file.source}, {file.date})" for file in self.files
+            f"{file.name} sha256 {file.sha256} ({file.source}, {file.date})"
+            for file in self.files
         )
         return f"{self.state}: {named}" if named else self.state
 

@@ -34,7 +34,13 @@ from stepdiag.base.result.prediction import (
     VOLUMETRIC_RMS,
     predicted,
 )
-from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, ROTATIONS, Function, Result
+from stepdiag.base.result.result import (
+    DISPLACEMENTS,
+    POSITIONING,
+    ROTATIONS,
+    Function,
+    Result,
+)
 from stepdiag.base.volume import Vector, anywhere_mm
 
 SQUARENESS_URAD = "squareness_urad"
@@ -45,7 +51,9 @@ COVERAGE = 2.0
 Unit = Literal["um", "urad"]
 
 
-def probability(value: float, u: float, tolerance: float, least: float | None = None) -> float:
+def probability(
+    value: float, u: float, tolerance: float, least: float | None = None
+) -> float:
     """Return the probability that a normal measurand lies from ``least`` (None: minus
     ``tolerance``) to ``tolerance``.
 
@@ -88,9 +96,14 @@ def with_tolerance(result: Result, tolerance: Mapping[str, float]) -> Result:
     if not tolerance:
         return result
     known = replace(result, tolerance=dict(tolerance))
-    if known.predicted is not None and {VOLUMETRIC_RMS, VOLUMETRIC_LARGEST} & tolerance.keys():
+    if (
+        known.predicted is not None
+        and {VOLUMETRIC_RMS, VOLUMETRIC_LARGEST} & tolerance.keys()
+    ):
         points = anywhere_mm(known.volume)
-        known = replace(known, predicted=predicted(known, points, -error_field_um(known, points)))
+        known = replace(
+            known, predicted=predicted(known, points, -error_field_um(known, points))
+        )
     return replace(known, conformity=conformity_of(known))
 
 
@@ -106,14 +119,19 @@ def conformity_of(result: Result) -> Conformity:
     after = _compensated(result)
     left = (
         *_squareness(after, tolerance),
-        *_functions(after, {name: tolerance[name] for name in DISPLACEMENTS if name in tolerance}),
+        *_functions(
+            after, {name: tolerance[name] for name in DISPLACEMENTS if name in tolerance}
+        ),
     )
     return Conformity(
         as_found=(
             *judged_volume(tolerance, None if figures is None else figures["before"]),
             *found,
         ),
-        predicted=(*judged_volume(tolerance, None if figures is None else figures["after"]), *left),
+        predicted=(
+            *judged_volume(tolerance, None if figures is None else figures["after"]),
+            *left,
+        ),
     )
 
 
@@ -148,7 +166,9 @@ def judged_volume(
     )
 
 
-def _of_interval(quantity: str, unit: Unit, tolerance: float, found: Interval | None) -> Judged:
+def _of_interval(
+    quantity: str, unit: Unit, tolerance: float, found: Interval | None
+) -> Judged:
     known = found or Interval(value_um=0.0)
     return Judged(
         quantity=quantity,
@@ -209,7 +229,9 @@ def _positioning(result: Result, tolerance: Mapping[str, float]) -> Iterator[Jud
 
 
 def _functions(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judged]:
-    drawn = _drawn(result, [name for name in (*DISPLACEMENTS, *ROTATIONS) if name in tolerance])
+    drawn = _drawn(
+        result, [name for name in (*DISPLACEMENTS, *ROTATIONS) if name in tolerance]
+    )
     for name in (*DISPLACEMENTS, *ROTATIONS):
         unit: Unit = "um" if name in DISPLACEMENTS else "urad"
         function = result.errors.get(name)

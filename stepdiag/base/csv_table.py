@@ -107,7 +107,9 @@ def _split(number: int, line: str, source: str) -> list[str]:
         return [field.strip() for field in next(csv.reader([line], strict=True))]
     except csv.Error as error:
         raise DataError(
-            f"{source}: line {number}", expected=message("comma-separated-fields"), found=str(error)
+            f"{source}: line {number}",
+            expected=message("comma-separated-fields"),
+            found=str(error),
         ) from None
 
 
@@ -132,7 +134,9 @@ def number_in(
     if not abs(value) <= LARGEST or value < least:
         remedy = message("write-decimals-with-point") if "," in text else ""
         expected = message("finite-number-from-0") if least == 0 else message("finite-number")
-        raise DataError(f"{where}: {name}", expected=expected, found=repr(text), remedy=remedy)
+        raise DataError(
+            f"{where}: {name}", expected=expected, found=repr(text), remedy=remedy
+        )
     return value
 
 

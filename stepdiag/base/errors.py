@@ -25,7 +25,9 @@ class StepdiagError(Exception):
     the whole; the text of the exception is its English form.
     """
 
-    def __init__(self, where: Words, *, expected: Words, found: Words, remedy: Words = "") -> None:
+    def __init__(
+        self, where: Words, *, expected: Words, found: Words, remedy: Words = ""
+    ) -> None:
         parts = {"where": where, "expected": expected, "found": found}
         self.message = (
             message("refusal-with-remedy", remedy=remedy, **parts)
@@ -68,7 +70,9 @@ class SafetyError(StepdiagError, ValueError):
 
 
 def _of_the_system(code: int) -> Message | None:
-    return message_of({"key": f"os-{errno.errorcode.get(code, 'E')[1:].lower()}", "arguments": {}})
+    return message_of(
+        {"key": f"os-{errno.errorcode.get(code, 'E')[1:].lower()}", "arguments": {}}
+    )
 
 
 def system_words(error: Exception | int) -> Words:

@@ -69,7 +69,10 @@ def read_bytes(
     """
     if where and path.exists() and not path.is_file():
         raise UsageError(
-            where, expected=expected, found=message("which-none", name=path.name), remedy=remedy
+            where,
+            expected=expected,
+            found=message("which-none", name=path.name),
+            remedy=remedy,
         )
     try:
         with path.open("rb") as file:
@@ -128,7 +131,10 @@ def require_hash(data: bytes, line: bytes, where: str, beside: str) -> None:
     if line[:66] != f"{found}  ".encode("ascii") or not line.endswith(b"\n"):
         expected = f"SHA-256 {as_text(line[:64], beside)}"
         raise DataError(
-            where, expected=expected, found=found, remedy=message("make-it-again", name=beside)
+            where,
+            expected=expected,
+            found=found,
+            remedy=message("make-it-again", name=beside),
         )
 
 
@@ -139,7 +145,9 @@ def write_together(files: Mapping[Path, bytes], *, over: bool) -> None:
     overwritten: the same bytes stay, and other bytes are refused (UsageError) before anything is
     written. Raises OSError where the disk refuses.
     """
-    wanted = {path: data for path, data in files.items() if over or not _stands_there(path, data)}
+    wanted = {
+        path: data for path, data in files.items() if over or not _stands_there(path, data)
+    }
     with ExitStack() as folders, ExitStack() as parts, undone_on_failure() as undo:
         written = {}
         for path, data in wanted.items():

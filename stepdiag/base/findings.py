@@ -96,7 +96,9 @@ class Finding:
             "stop": self.stop,
             "size_um": self.size_um,
         }
-        known: dict[str, Any] = {name: value for name, value in place.items() if value is not None}
+        known: dict[str, Any] = {
+            name: value for name, value in place.items() if value is not None
+        }
         if self.among:
             known["among"] = list(self.among)
         if self.message is not None:

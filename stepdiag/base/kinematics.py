@@ -43,7 +43,8 @@ def parse_chain(text: str, where: str = "chain") -> Chain:
     if any(primed[at:]) or (any(primed[:at]) and not all(primed[:at])):
         raise _refusal(where, text)
     work, tool = (
-        tuple(AXES.index(name.lower()) for name in some) for some in (names[:at], names[at + 1 :])
+        tuple(AXES.index(name.lower()) for name in some)
+        for some in (names[:at], names[at + 1 :])
     )
     return Chain(work=work, tool=tool)
 

@@ -107,7 +107,9 @@ def message_with(key: str, arguments: Mapping[str, Argument]) -> Message:
 def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
     """Return an argument as JSON can hold it: numpy's numbers as Python's, long texts cut."""
     match kind:
-        case "name" | "setup":  # mypy checks the type: a refusal must not break at its own words
+        case (
+            "name" | "setup"
+        ):  # mypy checks the type: a refusal must not break at its own words
             return value if isinstance(value, Message) else shortened(str(value))
         case "number" if isinstance(value, int | float):
             return float(value)
@@ -143,7 +145,9 @@ def rendered(words: Words, language: Language) -> str:
 
 
 def _filled(slot: Slot, value: Any, language: Language) -> str:
-    if isinstance(value, Message | str):  # a log of an older version holds some numbers as words
+    if isinstance(
+        value, Message | str
+    ):  # a log of an older version holds some numbers as words
         text = rendered(value, language)
         return setup_words(text, language) if slot.kind == "setup" else text
     match slot.kind:
@@ -231,7 +235,11 @@ def kept(words: Words) -> str:
     """Return a message as JSON text, for a log that also stores the text; empty for a text alone.
     `of_log` reads it again.
     """
-    return json.dumps(message_json(words), ensure_ascii=False) if isinstance(words, Message) else ""
+    return (
+        json.dumps(message_json(words), ensure_ascii=False)
+        if isinstance(words, Message)
+        else ""
+    )
 
 
 def of_log(text: str, kept_message: str) -> Words:

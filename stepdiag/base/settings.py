@@ -87,7 +87,9 @@ def nearest(word: str, known: list[str]) -> Message:
     """Return a remedy that names the nearest known word, or all of them."""
     close = _close(word, known)
     return (
-        message("did-you-mean-near", near=close) if close else message("known-names", names=known)
+        message("did-you-mean-near", near=close)
+        if close
+        else message("known-names", names=known)
     )
 
 
@@ -112,7 +114,10 @@ def refuse(
     if isinstance(found, dict):
         shown = message("a-table")
     return UsageError(
-        f"{source}: {field}" if field else source, expected=expected, found=shown, remedy=remedy
+        f"{source}: {field}" if field else source,
+        expected=expected,
+        found=shown,
+        remedy=remedy,
     )
 
 
@@ -128,7 +133,9 @@ def expectation(info: inspect.Type) -> Words:
     """
     match info:
         case inspect.LiteralType():
-            return message("one-of", names=[show(value) for value in sorted(info.values, key=str)])
+            return message(
+                "one-of", names=[show(value) for value in sorted(info.values, key=str)]
+            )
         case inspect.IntType() | inspect.FloatType():
             return _limited(
                 message("whole-number")
@@ -142,10 +149,14 @@ def expectation(info: inspect.Type) -> Words:
             return message("a-text-not-empty") if info.min_length else message("a-text")
         case inspect.TupleType():
             return message(
-                "values-each", count=len(info.item_types), kind=expectation(info.item_types[0])
+                "values-each",
+                count=len(info.item_types),
+                kind=expectation(info.item_types[0]),
             )
         case inspect.ListType() if info.min_length and info.min_length == info.max_length:
-            return message("list-of-each", count=info.min_length, kind=expectation(info.item_type))
+            return message(
+                "list-of-each", count=info.min_length, kind=expectation(info.item_type)
+            )
         case inspect.ListType() | inspect.VarTupleType():
             return message("list-each", kind=expectation(info.item_type))
         case _:

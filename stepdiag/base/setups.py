@@ -80,7 +80,9 @@ class Setup:
 
 
 @lru_cache(maxsize=1024)
-def setup_of(name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SETUPS) -> Setup:
+def setup_of(
+    name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SETUPS
+) -> Setup:
     """Return the setup of a name. Raises ``UsageError`` with the nearest name for a name outside
     ``names``, shifted or not.
     """
@@ -88,7 +90,10 @@ def setup_of(name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SE
     if base not in names or (
         plus
         and not (
-            number.isascii() and number.isdigit() and not number.startswith("0") and len(number) < 6
+            number.isascii()
+            and number.isdigit()
+            and not number.startswith("0")
+            and len(number) < 6
         )
     ):
         near = difflib.get_close_matches(base, names, cutoff=0.5)
@@ -98,10 +103,17 @@ def setup_of(name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SE
             else message("shifted-beam-second-alignment")
         )
         raise UsageError(
-            where, expected=message("one-of", names=list(names)), found=repr(name), remedy=remedy
+            where,
+            expected=message("one-of", names=list(names)),
+            found=repr(name),
+            remedy=remedy,
         )
     return Setup(
-        name=name, base=base, kind=_kind(base), signs=_signs(base), shift=int(number) if plus else 0
+        name=name,
+        base=base,
+        kind=_kind(base),
+        signs=_signs(base),
+        shift=int(number) if plus else 0,
     )
 
 
@@ -145,5 +157,7 @@ def _signs(base: str) -> tuple[int, int, int]:
         _, axes, letters = base.split("-")
     elif base.startswith(("linear-", "fourdof-")):
         axes, letters = base[-1], "p"
-    given = {axis: 1 if letter == "p" else -1 for axis, letter in zip(axes, letters, strict=True)}
+    given = {
+        axis: 1 if letter == "p" else -1 for axis, letter in zip(axes, letters, strict=True)
+    }
     return given.get("x", 0), given.get("y", 0), given.get("z", 0)

@@ -90,7 +90,9 @@ class Volume:
 
     def even_mm(self, axis: int, count: int) -> Vector:
         """Return even positions from end to end of an axis (0, 1, 2), shape (count,), ascending."""
-        even: Vector = self.origin_mm[axis] + self.size_mm[axis] * np.linspace(0.0, 1.0, count)
+        even: Vector = self.origin_mm[axis] + self.size_mm[axis] * np.linspace(
+            0.0, 1.0, count
+        )
         return even
 
 
@@ -99,7 +101,9 @@ def position_tolerance_mm(step_mm: Vector) -> Vector:
     for an axis with one target, shape (k,).
     """
     tolerance: Vector = (
-        np.minimum(POSITION_TOLERANCE_MM, np.where(step_mm > 0, SHARE_OF_STEP * step_mm, np.inf))
+        np.minimum(
+            POSITION_TOLERANCE_MM, np.where(step_mm > 0, SHARE_OF_STEP * step_mm, np.inf)
+        )
         + ROUNDING_MM
     )
     return tolerance
@@ -167,7 +171,8 @@ def anywhere_mm(volume: Volume) -> Vector:
     A Kronecker sequence with the powers of the root of x^4 = x + 1 (Roberts 2018).
     """
     share = np.mod(
-        0.5 + np.outer(np.arange(1, POINTS + 1), 1.2207440846057596 ** -np.arange(1.0, 4.0)), 1.0
+        0.5 + np.outer(np.arange(1, POINTS + 1), 1.2207440846057596 ** -np.arange(1.0, 4.0)),
+        1.0,
     )
     points: Vector = np.asarray(volume.origin_mm) + share * np.asarray(volume.size_mm)
     return points

@@ -25,7 +25,9 @@ def _library() -> Any:
     try:
         import pikepdf
     except ImportError as error:
-        raise UsageError("--pdf", expected="stepdiag[certificate]", found=str(error)) from error
+        raise UsageError(
+            "--pdf", expected="stepdiag[certificate]", found=str(error)
+        ) from error
     return pikepdf
 
 
@@ -38,7 +40,9 @@ def archival(printed: bytes, name: str, certificate: bytes) -> bytes:
         number: b"(node%08d)" % rank
         for rank, number in enumerate(sorted(set(_NODE.findall(printed))))
     }
-    with pikepdf.open(io.BytesIO(_NODE.sub(lambda found: numbers[found[1]], printed))) as document:
+    with pikepdf.open(
+        io.BytesIO(_NODE.sub(lambda found: numbers[found[1]], printed))
+    ) as document:
         described = [
             one
             for one in document.objects
@@ -50,7 +54,9 @@ def archival(printed: bytes, name: str, certificate: bytes) -> bytes:
             if not any(f"/FontFile{kind}" in one for kind in ("", "2", "3"))
         ]
         if missing:
-            raise DataError("PDF", expected=message("fonts-embedded"), found=", ".join(missing))
+            raise DataError(
+                "PDF", expected=message("fonts-embedded"), found=", ".join(missing)
+            )
         for each in {"/CreationDate", "/ModDate"} & set(document.docinfo.keys()):
             del document.docinfo[each]
         document.Root.OutputIntents = [_intent(document)]
@@ -102,4 +108,6 @@ def attached_in(archived: bytes, name: str) -> tuple[str, bytes, str]:
             ((attached, spec),) = document.attachments.items()
             return attached, spec.get_file().read_bytes(), producer
     except (pikepdf.PdfError, ValueError, KeyError) as error:
-        raise DataError(name, expected=message("pdf-with-certificate"), found=str(error)) from error
+        raise DataError(
+            name, expected=message("pdf-with-certificate"), found=str(error)
+        ) from error

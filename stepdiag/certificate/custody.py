@@ -172,7 +172,9 @@ def verify_certificate(certificate: Path, *folders: Path) -> Verified:
     signed = root.find(_SIGNATURE) is not None
     links, figures = (
         custody_of(root),
-        sum(1 for one in root.iter() if one.tag in (f"{{{SI}}}value", f"{{{SI}}}valueXMLList")),
+        sum(
+            1 for one in root.iter() if one.tag in (f"{{{SI}}}value", f"{{{SI}}}valueXMLList")
+        ),
     )
     try:
         held = _held(links, folders)
@@ -199,7 +201,11 @@ def verify_archived(archived: Path, *folders: Path) -> Verified:
         return found
     held = _held(custody_of(parsed(certificate, name)), folders)
     report = next(
-        (path for (role, each, _), path in held.items() if role == REPORT and is_rendered(each)),
+        (
+            path
+            for (role, each, _), path in held.items()
+            if role == REPORT and is_rendered(each)
+        ),
         None,
     )
     if report is None:
@@ -225,7 +231,9 @@ def parsed(data: bytes, name: str) -> ET.Element:
             raise ET.ParseError("a document type")
         root = ET.fromstring(data)  # noqa: S314 - without a document type there are no entities
     except (ET.ParseError, ValueError, LookupError) as error:
-        raise DataError(name, expected=message("certificate-xml"), found=str(error)) from error
+        raise DataError(
+            name, expected=message("certificate-xml"), found=str(error)
+        ) from error
     if root.tag != f"{{{DCC}}}digitalCalibrationCertificate":
         raise DataError(name, expected=message("certificate-xml"), found=root.tag)
     return root
@@ -264,7 +272,9 @@ def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
         if path.name in named or path.suffix in {".mcap", ".json", ".toml", ".csv"}
     }
     exported = {(name, sha) for role, name, sha in links if role == FILE}
-    together = Counter(path.parent for path, sha in hashes.items() if (path.name, sha) in exported)
+    together = Counter(
+        path.parent for path, sha in hashes.items() if (path.name, sha) in exported
+    )
     held = {}
     for link in links:
         role, name, sha = link
@@ -306,12 +316,21 @@ def _hash(path: Path) -> str:
         if ".mcap" in path.suffixes:
             return digest(path) if index_holds(path) else ""
         return hashlib.sha256(path.read_bytes()).hexdigest()
-    except (StepdiagError, OSError, ValueError):  # a file that cannot be read contains no link
+    except (
+        StepdiagError,
+        OSError,
+        ValueError,
+    ):  # a file that cannot be read contains no link
         return ""
 
 
 def _walk(
-    root: ET.Element, data: bytes, links: Sequence[Link], held: Mapping[Link, Path], *, signed: bool
+    root: ET.Element,
+    data: bytes,
+    links: Sequence[Link],
+    held: Mapping[Link, Path],
+    *,
+    signed: bool,
 ) -> None:
     by_role = {role: held[role, name, sha] for role, name, sha in links if role in ONCE}
     if RESULT not in by_role or len(by_role) != sum(role in ONCE for role, _, _ in links):
@@ -378,10 +397,14 @@ def _canonical(data: bytes) -> str:
     """Return a certificate in the canonical form of XML, without signatures: a signature changes
     the bytes, but not the remarks.
     """
-    return ET.canonicalize(from_file=BytesIO(data), with_comments=True, exclude_tags=[_SIGNATURE])
+    return ET.canonicalize(
+        from_file=BytesIO(data), with_comments=True, exclude_tags=[_SIGNATURE]
+    )
 
 
-def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix: str) -> Result:
+def _again(
+    path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix: str
+) -> Result:
     """Return the result solved again from its sources. Raises BrokenLinkError for other files or
     other contents.
     """
@@ -395,7 +418,9 @@ def _again(path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix:
     ]
     if tuple(sources) != (result.sources or ()) or not sources:
         raise BrokenLinkError(message("custody-sources", name=path.name))
-    files = {(one.role, one.name): held[one.role + suffix, one.name, one.sha256] for one in sources}
+    files = {
+        (one.role, one.name): held[one.role + suffix, one.name, one.sha256] for one in sources
+    }
     try:
         solved = _solved(result, sources, files)
     except StepdiagError as error:
@@ -433,7 +458,9 @@ def _solved(
             solve_logs(replay_judged(logs), result.method, stated)[0], sources=result.sources
         )
     if "readings" not in of or "run" in of:
-        raise DataError(result.source, expected=message("custody-solvable"), found=", ".join(of))
+        raise DataError(
+            result.source, expected=message("custody-solvable"), found=", ".join(of)
+        )
     beside = Beside(
         angles=of.get("angles"),
         straightness=of.get("straightness"),
@@ -474,5 +501,7 @@ def _leaves(root: ET.Element) -> Iterator[Leaf]:
         attributes = " ".join(f"{name}={value}" for name, value in sorted(node.items()))
         place = f"{here}[{attributes}]" if attributes else here
         tail = (node.tail or "").strip()
-        yield Leaf(place, (node.text or "").strip() + (f" | {tail}" if tail else ""), node.tag)
+        yield Leaf(
+            place, (node.text or "").strip() + (f" | {tail}" if tail else ""), node.tag
+        )
         waiting += [(child, place) for child in reversed(node)]

@@ -15,7 +15,16 @@ from stepdiag.base.messages import message
 from stepdiag.base.result.members import Conformity, Facts, Judged
 from stepdiag.base.result.result import Result
 from stepdiag.base.result.typed import written as json_of
-from stepdiag.certificate.elements import VERSION, Words, data, element, note, real, sha256, words
+from stepdiag.certificate.elements import (
+    VERSION,
+    Words,
+    data,
+    element,
+    note,
+    real,
+    sha256,
+    words,
+)
 from stepdiag.certificate.figures import (
     KELVIN,
     UNITS,
@@ -89,10 +98,13 @@ def _require_later(found: Result, left: Result) -> None:
     require_alike(found, left)
     require_same_volume(found, left)
     before, after = (
-        (each.survey or Facts()).ended or (each.survey or Facts()).date for each in (found, left)
+        (each.survey or Facts()).ended or (each.survey or Facts()).date
+        for each in (found, left)
     )
     if before and after and after < before:
-        raise DataError(left.source, expected=message("survey-after", day=before), found=after)
+        raise DataError(
+            left.source, expected=message("survey-after", day=before), found=after
+        )
 
 
 def _administrative(
@@ -142,7 +154,10 @@ def _administrative(
         ),
         element(
             "respPersons",
-            *(persons or [element("respPerson", element("person", words("name", NOT_STATED)))]),
+            *(
+                persons
+                or [element("respPerson", element("person", words("name", NOT_STATED)))]
+            ),
         ),
         _contact("customer", file.customer, (result.survey or Facts()).customer),
         element("statements", *statements) if statements else None,
@@ -151,7 +166,9 @@ def _administrative(
 
 def _software(result: Result) -> ET.Element:
     name, version = result.software.name or "stepdiag", result.software.version
-    return element("software", words("name", name), element("release", text=version or NOT_STATED))
+    return element(
+        "software", words("name", name), element("release", text=version or NOT_STATED)
+    )
 
 
 def _core(result: Result, stated: Stated, custody: Sequence[Link]) -> ET.Element:
@@ -170,7 +187,9 @@ def _core(result: Result, stated: Stated, custody: Sequence[Link]) -> ET.Element
     result_hash = next(digest for role, _, digest in custody if role == "result")
     previous = stated.hashes.get(head.previous_file, "")
     replaced = element("replacedUniqueIdentifier", text=head.replaces)
-    amended = element("reportAmendedSubstituted", element("typeOfChange", text="amended"), replaced)
+    amended = element(
+        "reportAmendedSubstituted", element("typeOfChange", text="amended"), replaced
+    )
     return element(
         "coreData",
         element("countryCodeISO3166_1", text=head.country or UNKNOWN_COUNTRY),
@@ -181,9 +200,13 @@ def _core(result: Result, stated: Stated, custody: Sequence[Link]) -> ET.Element
         element("beginPerformanceDate", text=begun.isoformat()),
         element("endPerformanceDate", text=ended.isoformat()),
         element("performanceLocation", text=head.location),
-        element("issueDate", text=head.issued.isoformat()) if head.issued is not None else None,
+        element("issueDate", text=head.issued.isoformat())
+        if head.issued is not None
+        else None,
         amended if head.replaces else None,
-        sha256("previousReport", head.previous_file, head.previous_number or NOT_STATED, previous)
+        sha256(
+            "previousReport", head.previous_file, head.previous_number or NOT_STATED, previous
+        )
         if previous
         else None,
     )
@@ -274,7 +297,9 @@ def _statement(one: Judged, state: str) -> ET.Element:
 
 
 def _status(one: Judged) -> str:
-    undecided = "conditionalPass" if abs(one.value or 0.0) <= one.tolerance else "conditionalFail"
+    undecided = (
+        "conditionalPass" if abs(one.value or 0.0) <= one.tolerance else "conditionalFail"
+    )
     return {"conform": "pass", "not_conform": "fail", "not_decidable": undecided}[one.verdict]
 
 
@@ -287,7 +312,9 @@ def _measured(
 ) -> ET.Element:
     methods = [*METHODS, *([CONFORMITY] if result.conformity is not None else [])]
     used = [
-        element("usedMethod", words("name", name), *(element("norm", text=norm) for norm in norms))
+        element(
+            "usedMethod", words("name", name), *(element("norm", text=norm) for norm in norms)
+        )
         for name, norms in methods
     ]
     return element(
@@ -295,7 +322,9 @@ def _measured(
         element("usedMethods", *used),
         element("usedSoftware", _software(result)),
         element("measuringEquipments", *_equipment(result, stated)),
-        element("measurementMetaData", _chain(result), *_custody(custody), *_accepted(accepted)),
+        element(
+            "measurementMetaData", _chain(result), *_custody(custody), *_accepted(accepted)
+        ),
         _state("as_found", result, figures_of),
         _state("predicted", result, predicted_figures),
         None if left is None else _state("as_left", left, figures_of),
@@ -377,7 +406,9 @@ def _equipment(result: Result, stated: Stated) -> Iterator[ET.Element]:
             ),
             element("manufacturer", words("name", one.manufacturer or NOT_STATED)),
             element("model", text=one.model or NOT_STATED),
-            element("identifications", _identity("manufacturer", one.serial, "serial number")),
+            element(
+                "identifications", _identity("manufacturer", one.serial, "serial number")
+            ),
         )
 
 
@@ -400,7 +431,10 @@ def _chain(result: Result) -> ET.Element:
 def _custody(custody: Sequence[Link]) -> Iterator[ET.Element]:
     notes = [note(name, digest, f"stepdiag_{role}") for role, name, digest in custody]
     yield element(
-        "metaData", words("name", "SHA-256"), element("data", *notes), refType="stepdiag_custody"
+        "metaData",
+        words("name", "SHA-256"),
+        element("data", *notes),
+        refType="stepdiag_custody",
     )
 
 

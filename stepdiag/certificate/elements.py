@@ -27,7 +27,9 @@ def _si(name: str, *children: ET.Element, text: str | None = None) -> ET.Element
     return _with(ET.Element(f"{{{SI}}}{name}"), children, text)
 
 
-def _with(made: ET.Element, children: Iterable[ET.Element | None], text: str | None) -> ET.Element:
+def _with(
+    made: ET.Element, children: Iterable[ET.Element | None], text: str | None
+) -> ET.Element:
     made.text = text if text is None else " ".join(text.split())
     made.extend([child for child in children if child is not None])
     return made
@@ -38,7 +40,8 @@ def words(name: str, text: Words) -> ET.Element:
     if isinstance(text, str):
         return element(name, element("content", text=text))
     return element(
-        name, *(element("content", text=each, lang=language) for language, each in text.items())
+        name,
+        *(element("content", text=each, lang=language) for language, each in text.items()),
     )
 
 
@@ -55,7 +58,9 @@ def real(figure: Figure) -> ET.Element:
                 _si("coverageFactor", text=K),
                 _si("coverageProbability", text=P),
             ]
-            inside.append(_si("measurementUncertaintyUnivariate", _si("expandedMU", *expanded)))
+            inside.append(
+                _si("measurementUncertaintyUnivariate", _si("expandedMU", *expanded))
+            )
         return element("quantity", *named, _si("real", *inside), refType=figure.refers)
     many = _list(figure.values, figure.unit, figure.expanded)
     if figure.covariance:
@@ -118,7 +123,9 @@ def data(figure: Figure) -> ET.Element:
         _list(figure.at, METRE),
         refType="machineTool_position",
     )
-    return element("data", element("list", positions, real(figure), refType="basic_tableIndex0"))
+    return element(
+        "data", element("list", positions, real(figure), refType="basic_tableIndex0")
+    )
 
 
 def sha256(name: str, referral: str, identity: str, value: str) -> ET.Element:

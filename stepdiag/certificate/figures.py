@@ -67,7 +67,9 @@ def written(value: float, power: int) -> str:
     if not scaled:
         return "0"
     return (
-        format(scaled, "E").replace("+", "") if abs(scaled.adjusted()) > 5 else format(scaled, "f")
+        format(scaled, "E").replace("+", "")
+        if abs(scaled.adjusted()) > 5
+        else format(scaled, "f")
     )
 
 
@@ -104,7 +106,9 @@ def figures_of(result: Result) -> Iterator[Figure]:
     if (covariance := _covariance(result, together)) and len(together) > 1:
         known = [result.squareness[name] for name in together]
         numbers = [(one.value or 0.0, one.u or 0.0) for one in known]
-        figure = _figure(" ".join(["squareness", *together]), "urad", *zip(*numbers, strict=True))
+        figure = _figure(
+            " ".join(["squareness", *together]), "urad", *zip(*numbers, strict=True)
+        )
         yield figure._replace(covariance=covariance)
     for part, of in (("", result.errors), ("reversal ", result.reversal)):
         for name in (*DISPLACEMENTS, *ROTATIONS):
@@ -124,7 +128,9 @@ def figures_of(result: Result) -> Iterator[Figure]:
                 yield one._replace(covariance=covariance)
     for name, number in result.squareness.items():
         if number.value is not None:
-            yield _figure(name, "urad", [number.value], None if number.u is None else [number.u])
+            yield _figure(
+                name, "urad", [number.value], None if number.u is None else [number.u]
+            )
     for axis, scale in result.scale.items():
         if scale.value is not None:
             yield _figure(

@@ -44,7 +44,11 @@ def follows(
     for exported in dict.fromkeys((tuple(files), ())):
         for shown in dict.fromkeys((readings, None)):
             sources = ReportFiles(
-                result=of["result"], files=exported, readings=shown, language=language, **named
+                result=of["result"],
+                files=exported,
+                readings=shown,
+                language=language,
+                **named,
             )
             try:
                 if report_from(sources).html == text:

@@ -33,12 +33,16 @@ def signed(certificate: bytes, key: Path, key_certificate: Path) -> bytes:
     try:
         own = serialization.load_pem_private_key(read_bytes(key), None)
         curve = isinstance(own, EllipticCurvePrivateKey)
-        signer = signxml.XMLSigner(signature_algorithm="ecdsa-sha256" if curve else "rsa-sha256")
+        signer = signxml.XMLSigner(
+            signature_algorithm="ecdsa-sha256" if curve else "rsa-sha256"
+        )
         root = signer.sign(
             etree.fromstring(certificate), key=own, cert=read_bytes(key_certificate).decode()
         )
     except (ValueError, TypeError, signxml.exceptions.SignXMLException) as error:
-        raise UsageError(str(key), expected=message("signature-key"), found=str(error)) from error
+        raise UsageError(
+            str(key), expected=message("signature-key"), found=str(error)
+        ) from error
     data: bytes = etree.tostring(root, encoding="UTF-8", xml_declaration=True)
     return data + b"\n"
 
@@ -63,9 +67,16 @@ def require_signature(certificate: Path, key_certificate: Path) -> None:
         )
         _require_plain(
             found,
-            x509.load_pem_x509_certificate(read_bytes(key_certificate)).public_bytes(Encoding.DER),
+            x509.load_pem_x509_certificate(read_bytes(key_certificate)).public_bytes(
+                Encoding.DER
+            ),
         )
-    except (ValueError, LxmlError, InvalidSignature, signxml.exceptions.SignXMLException) as error:
+    except (
+        ValueError,
+        LxmlError,
+        InvalidSignature,
+        signxml.exceptions.SignXMLException,
+    ) as error:
         raise DataError(
             certificate.name, expected=message("signature-of-key"), found=str(error)
         ) from error

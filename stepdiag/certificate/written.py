@@ -43,14 +43,20 @@ def write_certificate(
     Raises UsageError for an existing file at its path, DataError for files that do not belong to
     the result.
     """
-    named = ((REPORT, beside.report), (LETTERHEAD, beside.letterhead), (PROFILE, beside.profile))
+    named = (
+        (REPORT, beside.report),
+        (LETTERHEAD, beside.letterhead),
+        (PROFILE, beside.profile),
+    )
     given = [
         *(("file", path) for path in beside.files),
         *((role, path) for role, path in named if path is not None),
     ]
     links = links_of(result, beside.laboratory, left=beside.left, files=given)
     left = None if beside.left is None else result_in(beside.left)
-    accepted = accepted_in(result.parent) if any(role == "accepted" for role, _, _ in links) else ()
+    accepted = (
+        accepted_in(result.parent) if any(role == "accepted" for role, _, _ in links) else ()
+    )
     data = document(
         certificate_of(
             found, read_laboratory(beside.laboratory), links, left=left, accepted=accepted

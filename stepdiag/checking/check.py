@@ -126,7 +126,9 @@ class MachineSeen:
             return
         if self.polls and now is not self.signals:
             self.changes.update(
-                name for name in SIGNAL_NAMES if getattr(now, name) != getattr(self.signals, name)
+                name
+                for name in SIGNAL_NAMES
+                if getattr(now, name) != getattr(self.signals, name)
             )
         self.signals = now
         self.unanswered = self.decoder.unanswered(block)
@@ -172,7 +174,9 @@ class Observation:
     def take(self, event: Event) -> None:
         """Take an event of a link."""
         if isinstance(event, Chunk):
-            next(stream for stream in self.streams if stream.link.name == event.stream).take(event)
+            next(stream for stream in self.streams if stream.link.name == event.stream).take(
+                event
+            )
         elif isinstance(event, ModbusBlock):
             self.machine.take(event)
         elif isinstance(event, LinkEvent):

@@ -72,7 +72,9 @@ def diagnose(seen: Observation) -> tuple[Finding, ...]:
 def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
     if not stream.byte_count:
         yield _absent(stream.link, seconds)
-    elif not stream.samples or (stream.refused == stream.samples and stream.counts["garbage"]):
+    elif not stream.samples or (
+        stream.refused == stream.samples and stream.counts["garbage"]
+    ):
         yield finding("error", _senseless(stream), code="bytes-garbled")
     else:
         yield from _instrument(stream, seconds)
@@ -88,7 +90,9 @@ def _conditions(seen: Observation) -> Iterator[Finding]:
             yield _missing_condition(seen, name)
         elif not HALL[name][0] < value <= HALL[name][1]:
             low, high = HALL[name]
-            yield warning("conditions-held.no-hall", name=name, value=value, low=low, high=high)
+            yield warning(
+                "conditions-held.no-hall", name=name, value=value, low=low, high=high
+            )
 
 
 def _missing_condition(seen: Observation, name: str) -> Finding:
@@ -114,17 +118,26 @@ def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
     if counts["garbage"] > GARBAGE_SHARE * stream.samples:
         why = stream.remarks["garbage"]
         yield warning(
-            "bytes-garbled.some", count=counts["garbage"], of=stream.samples, stream=name, why=why
+            "bytes-garbled.some",
+            count=counts["garbage"],
+            of=stream.samples,
+            stream=name,
+            why=why,
         )
     if counts["gap"]:
         yield warning(
-            "samples-missing.times", stream=name, why=stream.remarks["gap"], count=counts["gap"]
+            "samples-missing.times",
+            stream=name,
+            why=stream.remarks["gap"],
+            count=counts["gap"],
         )
     if counts["restart"]:
         yield warning("instrument-restart.supply", stream=name, why=stream.remarks["restart"])
     if stream.refused == stream.samples:
         yield finding(
-            "error", refused(name, stream.remarks.get("device", "")), code="instrument-reports"
+            "error",
+            refused(name, stream.remarks.get("device", "")),
+            code="instrument-reports",
         )
         return
     if "device" in stream.remarks:
@@ -188,9 +201,17 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
     why = machine.link.detail
     for name in plc.signal_names:
         if getattr(machine.signals, name) is None:
-            field = f"plc.expressions.{name}" if name in plc.expressions else f"plc.signals.{name}"
+            field = (
+                f"plc.expressions.{name}"
+                if name in plc.expressions
+                else f"plc.signals.{name}"
+            )
             words = message(
-                "signals-absent.refused", name=name, place=plc.place(name), why=why, field=field
+                "signals-absent.refused",
+                name=name,
+                place=plc.place(name),
+                why=why,
+                field=field,
             )
             yield finding("error" if name == "stopped" else "warning", words)
     for name in machine.unanswered:
@@ -217,7 +238,12 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
             )
             yield finding("warning", words)
     setup = machine.signals.setup
-    if setup is not None and setup != 0 and setup not in SETUP_NUMBERS and setup <= CODED_FROM:
+    if (
+        setup is not None
+        and setup != 0
+        and setup not in SETUP_NUMBERS
+        and setup <= CODED_FROM
+    ):
         known = [*map(str, SETUP_NUMBERS), f"{CODED_FROM} + k"]
         yield warning("signals-absent.setup-number", setup=setup, known=known)
     for name, lost in WITHOUT.items():
@@ -244,7 +270,9 @@ def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
 def _absent(link: LinkSeen, seconds: float) -> Finding:
     """Return the finding for a link that never delivered data, open or not."""
     if link.state == "connected":
-        words = message("check-nothing-came", link=link.detail or link.address, seconds_s=seconds)
+        words = message(
+            "check-nothing-came", link=link.detail or link.address, seconds_s=seconds
+        )
         return finding("error", words, code=f"{link.name}-silent")
     kind = "silent" if link.was_silent else "unreachable"
     unreached = (
@@ -258,7 +286,9 @@ def _absent(link: LinkSeen, seconds: float) -> Finding:
 def _lasting(link: LinkSeen) -> Iterator[Finding]:
     """Yield the faults of a link that was open."""
     if link.state in ("lost", "silent"):
-        yield finding("error", message("check-gone", why=link.detail), code=f"{link.name}-silent")
+        yield finding(
+            "error", message("check-gone", why=link.detail), code=f"{link.name}-silent"
+        )
     elif link.losses:
         yield finding(
             "warning",

@@ -152,7 +152,9 @@ async def _heard(port: str, name: str, baud: int, seconds: float, before: Heard)
 
 async def _asked(control: str, host: str, tcp_port: int) -> Answered:
     plc = convert(
-        read_toml(f"[plc]\n{plc_section(control, host, tcp_port)}", control)["plc"], Plc, control
+        read_toml(f"[plc]\n{plc_section(control, host, tcp_port)}", control)["plc"],
+        Plc,
+        control,
     )
     plc = msgspec.structs.replace(plc, timeout_s=ANSWER_S)
     reads = plan_reads(plc.signals, () if plc.transport == "s7" else plc.standing)

@@ -8,7 +8,13 @@ from rich.text import Text
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
 
 STYLES = {"connected": "green", "silent": "yellow", "lost": "red", "connecting": "yellow"}
-DECIMALS = {"x_mm": 4, "y_mm": 4, "z_mm": 4, "air_pressure_hpa": 1, "relative_humidity_percent": 1}
+DECIMALS = {
+    "x_mm": 4,
+    "y_mm": 4,
+    "z_mm": 4,
+    "air_pressure_hpa": 1,
+    "relative_humidity_percent": 1,
+}
 
 
 def check_table(seen: Observation) -> Table:
@@ -19,7 +25,9 @@ def check_table(seen: Observation) -> Table:
     )
     for column in ("signal", "where", "now", "changes"):
         table.add_column(
-            column, justify="right" if column in {"now", "changes"} else "left", overflow="fold"
+            column,
+            justify="right" if column in {"now", "changes"} else "left",
+            overflow="fold",
         )
     table.columns[0].no_wrap = True  # the name of a signal is copied into the survey file
     for stream in seen.streams:
@@ -31,7 +39,10 @@ def check_table(seen: Observation) -> Table:
 
 def _add_link(table: Table, link: LinkSeen) -> None:
     table.add_row(
-        Text(link.name, "bold"), Text(str(link.address)), Text(link.state, STYLES[link.state]), ""
+        Text(link.name, "bold"),
+        Text(str(link.address)),
+        Text(link.state, STYLES[link.state]),
+        "",
     )
 
 
@@ -64,7 +75,10 @@ def _add_machine(table: Table, machine: MachineSeen, seen: Observation) -> None:
     _add_link(table, machine.link)
     rate = "-" if machine.rate_hz is None else f"{machine.rate_hz:.0f} / s"
     table.add_row(
-        "  polls", f"{machine.polls} answered, slowest {1e3 * machine.slowest_s:.0f} ms", rate, ""
+        "  polls",
+        f"{machine.polls} answered, slowest {1e3 * machine.slowest_s:.0f} ms",
+        rate,
+        "",
     )
     for name in seen.survey.plc.signal_names:
         value = getattr(machine.signals, name)
@@ -99,9 +113,12 @@ def check_json(seen: Observation) -> dict[str, Any]:
             "polls_per_s": seen.machine.rate_hz,
             "slowest_s": seen.machine.slowest_s,
             "signals": {
-                name: getattr(seen.machine.signals, name) for name in seen.survey.plc.signal_names
+                name: getattr(seen.machine.signals, name)
+                for name in seen.survey.plc.signal_names
             },
-            "changes": {name: seen.machine.changes[name] for name in seen.survey.plc.signal_names},
+            "changes": {
+                name: seen.machine.changes[name] for name in seen.survey.plc.signal_names
+            },
         },
     }
 

@@ -43,7 +43,9 @@ def accept(
     found = standing_of(survey)
     if found.round is None:
         raise UsageError(
-            str(survey), expected=message("recorded-survey"), found=message("nothing-recorded-yet")
+            str(survey),
+            expected=message("recorded-survey"),
+            found=message("nothing-recorded-yet"),
         )
     if stop == CODE:
         moment = _moment(begun)
@@ -65,7 +67,9 @@ def accept(
     if begun is not None:
         raise UsageError("--begun", expected=message("accepted-code", code=CODE), found=stop)
     doubts = doubts_at(found.doubts, stop)
-    note(doubts, found.round, reason=reason, name=name or getpass.getuser(), time_s=time.time())
+    note(
+        doubts, found.round, reason=reason, name=name or getpass.getuser(), time_s=time.time()
+    )
     taken = [message("accepted-doubt", what=each.words) for each in doubts]
     print_first(taken, FEW, verbose=verbose)
     left = [message("still-doubted", what=each.words) for each in standing_of(survey).doubts]

@@ -68,7 +68,10 @@ def _refuse_elsewhere(group: typer.Typer, before: str = "") -> None:
 
 def _refuse(name: str, **_arguments: object) -> None:
     raise UsageError(
-        f"stepdiag {name}", expected="Linux", found=sys.platform, remedy=message("other-systems")
+        f"stepdiag {name}",
+        expected="Linux",
+        found=sys.platform,
+        remedy=message("other-systems"),
     )
 
 

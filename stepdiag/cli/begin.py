@@ -39,7 +39,9 @@ def begin(
             found=repr(known.plc.transport),
         )
     if setup not in planned:
-        raise UsageError("begin", expected=message("one-of", names=planned), found=repr(setup))
+        raise UsageError(
+            "begin", expected=message("one-of", names=planned), found=repr(setup)
+        )
     folder = known.folder(survey)
     if not is_recording(folder):
         raise UsageError(

@@ -39,7 +39,9 @@ def certificate(
     from stepdiag.cli.report import read_result, result_file
 
     if out.suffix.lower() != ".xml":
-        raise UsageError("--out", expected=message("file-named", endings=["*.xml"]), found=str(out))
+        raise UsageError(
+            "--out", expected=message("file-named", endings=["*.xml"]), found=str(out)
+        )
     if (key is None) != (key_certificate is None):
         raise UsageError(
             "--key, --key-certificate", expected=message("both"), found=message("one-of-both")
@@ -57,7 +59,9 @@ def certificate(
             found=message("none"),
         )
     if pdf is not None and pdf.suffix.lower() != ".pdf":
-        raise UsageError("--pdf", expected=message("file-named", endings=["*.pdf"]), found=str(pdf))
+        raise UsageError(
+            "--pdf", expected=message("file-named", endings=["*.pdf"]), found=str(pdf)
+        )
     left = None if after is None else result_file(after)
     beside = Beside(
         laboratory=laboratory,
@@ -91,7 +95,12 @@ def certify_folder(folder: Path) -> Path:
     from stepdiag.report.output import write_report
 
     laboratory = next(
-        (path for at in (folder, folder.parent) if (path := at / "laboratory.toml").is_file()), None
+        (
+            path
+            for at in (folder, folder.parent)
+            if (path := at / "laboratory.toml").is_file()
+        ),
+        None,
     )
     files = [path for path in sorted((folder / "exports").rglob("*")) if path.is_file()]
     names = (

@@ -89,7 +89,9 @@ def watched(seen: "Observation", seconds: float, *, quiet: bool) -> None:
         Live(check_table(seen), console=console, auto_refresh=False, transient=quiet) as live,
         suppress(KeyboardInterrupt),
     ):
-        asyncio.run(watch(seen, seconds, lambda: live.update(check_table(seen), refresh=True)))
+        asyncio.run(
+            watch(seen, seconds, lambda: live.update(check_table(seen), refresh=True))
+        )
 
 
 def show_findings(found: "tuple[Finding, ...]") -> None:

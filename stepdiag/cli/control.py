@@ -79,9 +79,16 @@ def export(
         read_result(result), compensation, active_files(active), active_date, active_source
     )
     with working(message("checking-tables")):
-        known = None if profile is None else read_profile(profile, controller, measured.volume)
+        known = (
+            None if profile is None else read_profile(profile, controller, measured.volume)
+        )
         written = write_files(
-            measured, controller, known, step_mm=step_mm, accept=tuple(accept or ()), out_dir=out
+            measured,
+            controller,
+            known,
+            step_mm=step_mm,
+            accept=tuple(accept or ()),
+            out_dir=out,
         )
     _name_unused(accept or (), written)
     if as_json:
@@ -95,7 +102,9 @@ def export(
 def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
     """Print the accepted codes that match no finding of the export: mistyped, or not needed."""
     if unused := [
-        code for code in accept if not any(each.is_accepted([code]) for each in written.findings)
+        code
+        for code in accept
+        if not any(each.is_accepted([code]) for each in written.findings)
     ]:
         print_words(message("accept-unused", codes=unused), err=True)
 
@@ -108,7 +117,9 @@ def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
 
     if controller == lattice.NAME:
         raise UsageError(
-            "--profile", expected="--step-mm alone: a lattice knows no control", found=path.name
+            "--profile",
+            expected="--step-mm alone: a lattice knows no control",
+            found=path.name,
         )
     return load_profile(path, controller_named(controller), volume)
 
@@ -122,7 +133,9 @@ def _export_json(written: "ExportReport") -> dict[str, object]:
         "out": str(written.out_dir),
         "files": [_file_json(file) for file in read_set(written.out_dir)],
         "findings": [finding.as_json() for finding in written.findings],
-        "predicted": None if written.prediction is None else json_of(written.prediction.predicted),
+        "predicted": None
+        if written.prediction is None
+        else json_of(written.prediction.predicted),
     }
 
 
@@ -137,7 +150,9 @@ def _print_export(written: "ExportReport", *, verbose: bool) -> None:
 
     from stepdiag.terminal.tables import effect_table, print_findings
 
-    print_words(message("files-written", count=len(written.files), folder=str(written.out_dir)))
+    print_words(
+        message("files-written", count=len(written.files), folder=str(written.out_dir))
+    )
     for name in written.files if verbose else ():
         typer.echo(f"  {name}")
     print_findings(written.findings, verbose=verbose)
@@ -202,7 +217,9 @@ def verify(
         return
     if custody or key_certificate is not None:
         raise UsageError(
-            "--custody, --key-certificate", expected="a certificate (FILE.xml)", found=result.name
+            "--custody, --key-certificate",
+            expected="a certificate (FILE.xml)",
+            found=result.name,
         )
     from stepdiag.base.compensation import stated_in
     from stepdiag.cli.report import read_result
@@ -305,14 +322,18 @@ def _print_read_back(held: "ReadBack | None", *, before: bool) -> None:
     if not held.findings:
         counts = {"numbers": held.numbers, "switches": held.switches}
         print_words(
-            message("held-before-same", **counts) if before else message("read-back-same", **counts)
+            message("held-before-same", **counts)
+            if before
+            else message("read-back-same", **counts)
         )
     elif before:
         print_words(message("held-before-differs"))
     print_words(*finding_lines(held.findings))
 
 
-def _diagonals_alone(beside: "list[Compared]", read_back: list[Path], *, as_json: bool) -> None:
+def _diagonals_alone(
+    beside: "list[Compared]", read_back: list[Path], *, as_json: bool
+) -> None:
     """Show straight diagonals against a result, where no files are to be judged. Raises UsageError
     where neither exists.
     """
@@ -325,7 +346,9 @@ def _diagonals_alone(beside: "list[Compared]", read_back: list[Path], *, as_json
     if not beside:
         raise UsageError(
             "verify",
-            expected=message("either-option", one=message("control-files"), other="--diagonal"),
+            expected=message(
+                "either-option", one=message("control-files"), other="--diagonal"
+            ),
             found=message("neither"),
         )
     if as_json:
@@ -418,7 +441,9 @@ def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
         )
     reach = reach_of(found.prediction.predicted)
     language = viewers_language()
-    drawing = drawing_file(effect_drawing(drawn, reach, language), suffix, shown(TITLE), language)
+    drawing = drawing_file(
+        effect_drawing(drawn, reach, language), suffix, shown(TITLE), language
+    )
     write_atomically(out, drawing.encode("utf-8"))
 
 
@@ -439,7 +464,9 @@ def _print_verification(
 
     names = [file.name for file in given]
     print_words(
-        message("files-read-as", controller=found.controller, names=names, state=measured_with)
+        message(
+            "files-read-as", controller=found.controller, names=names, state=measured_with
+        )
     )
     if aside:
         print_words(message("files-left-aside", names=list(aside)))

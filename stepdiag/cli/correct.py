@@ -43,12 +43,17 @@ def correct(
     logs = begun_logs(rounds[-1]) if rounds else []
     if not logs:
         raise UsageError(
-            str(survey), expected=message("recorded-survey"), found=message("nothing-recorded-yet")
+            str(survey),
+            expected=message("recorded-survey"),
+            found=message("nothing-recorded-yet"),
         )
     if is_recording(folder):
         remedy = message("stop-then-correct")
         raise UsageError(
-            str(folder), expected=message("no-other"), found=message("found-running"), remedy=remedy
+            str(folder),
+            expected=message("no-other"),
+            found=message("found-running"),
+            remedy=remedy,
         )
     last = rounds[-1]
     if (last / RESULT).exists():
@@ -71,7 +76,10 @@ def correct(
         return
     print_words(*map(str, changed))
     if must_reread(logs, text):
-        for title, by_file in ((message("as-recorded"), recorded), (message("as-corrected"), text)):
+        for title, by_file in (
+            (message("as-recorded"), recorded),
+            (message("as-corrected"), text),
+        ):
             noted, book = (
                 noted_round(last, logs, by_file),
                 PassBook(parse_survey(by_file, str(title))),

@@ -42,7 +42,9 @@ def demo(
         return
     if browser is not None:
         raise UsageError(
-            "--browser", expected=message("with-option", option="--live"), found=message("none")
+            "--browser",
+            expected=message("with-option", option="--live"),
+            found=message("none"),
         )
     with _progress() as progress:
         # the libraries need seconds on a busy computer: the first output comes before they are
@@ -62,7 +64,13 @@ def demo(
 def _progress() -> "Iterator[Progress]":
     """Show the progress of the demo on standard error: a bar on a terminal, else a line a setup."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+    )
 
     begun: set[object] = set()
 
@@ -162,7 +170,9 @@ def _print_table(found: "Demonstrated", *, verbose: bool) -> None:
         key: Literal["demo-promise-kept", "demo-promise-broken"] = (
             "demo-promise-kept" if each.kept else "demo-promise-broken"
         )
-        words = shown(message(key, of=each.of, stated=each.stated.words(), true_um=each.true_um))
+        words = shown(
+            message(key, of=each.of, stated=each.stated.words(), true_um=each.true_um)
+        )
         print_words(words[0].upper() + words[1:])
     if verbose:
         print_words(*concluded_in(found.round))

@@ -132,7 +132,9 @@ def trend(
     """Show what changed on the machines of a store."""
     if language is not None and report is None:
         raise UsageError(
-            "--language", expected=message("with-option", option="--report"), found=message("none")
+            "--language",
+            expected=message("with-option", option="--report"),
+            found=message("none"),
         )
     chosen = language_named(language or "en")
     found, left_out = _trends(store, machine, tolerance or [], software)
@@ -170,7 +172,9 @@ def _name_left_out(left_out: "Sequence[LeftOut]") -> None:
     for each in left_out:
         print_words(
             message(
-                "left-out", name=" ".join(filter(None, (each.machine, each.name))), why=each.why
+                "left-out",
+                name=" ".join(filter(None, (each.machine, each.name))),
+                why=each.why,
             ),
             err=True,
         )
@@ -204,7 +208,9 @@ def fleet(
     chosen = language_named(language)
     sheets.sheet(chosen)
     token = token_urlsafe(18)
-    print_words(message("fleet-page", address=f"http://{host}:{port}/?token={token}", store=store))
+    print_words(
+        message("fleet-page", address=f"http://{host}:{port}/?token={token}", store=store)
+    )
     serve(create_app(sheets, chosen, token, (*LOOPBACK, host.lower())), host, port)
 
 
@@ -228,11 +234,15 @@ def resolve(
 
     if survey is not None and not machine:
         raise UsageError(
-            "--survey", expected=message("with-option", option="--machine"), found=message("none")
+            "--survey",
+            expected=message("with-option", option="--machine"),
+            found=message("none"),
         )
     if workers is not None and scheduler:
         raise UsageError(
-            "--workers", expected=message("without-option", option="--scheduler"), found=scheduler
+            "--workers",
+            expected=message("without-option", option="--scheduler"),
+            found=scheduler,
         )
     files = {"--ca": ca, "--certificate": certificate, "--key": key}
     by = _scheduler(scheduler, files) if scheduler or any(files.values()) else workers or 2
@@ -280,7 +290,9 @@ def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
         raise UsageError(
             "--scheduler", expected=message("tls-scheduler"), found=address or message("none")
         )
-    given = {option: file for option, file in files.items() if file is not None and file.is_file()}
+    given = {
+        option: file for option, file in files.items() if file is not None and file.is_file()
+    }
     for option, file in files.items():
         if option not in given:
             raise UsageError(
@@ -289,7 +301,10 @@ def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
                 found=str(file) if file else message("none"),
             )
     return Scheduler(
-        address=address, ca=given["--ca"], certificate=given["--certificate"], key=given["--key"]
+        address=address,
+        ca=given["--ca"],
+        certificate=given["--certificate"],
+        key=given["--key"],
     )
 
 
@@ -310,7 +325,9 @@ def _trends(
     require_known(Tolerances(all=given), history.series, "--tolerance")
     stated = tolerances_in(store)
     if not machine:
-        require_known(stated, history_in(store, now).series if software else history.series, FILE)
+        require_known(
+            stated, history_in(store, now).series if software else history.series, FILE
+        )
     return trends_of(history.series, stated.together_with(given).of), history.left_out
 
 

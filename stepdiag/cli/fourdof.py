@@ -71,7 +71,9 @@ def new(
         version=2,
     )
     write_calibration(out, HeadFile(head=identity))
-    print_words(message("written-next", path=str(out), what=message("fourdof-commission-next")))
+    print_words(
+        message("written-next", path=str(out), what=message("fourdof-commission-next"))
+    )
 
 
 @commands.command()
@@ -117,7 +119,11 @@ def calibrate(
         _draw(plot, calibration_charts(fits), shown(message("sheet-residuals")))
     if as_json:
         figures = {
-            name: {"unit": each.run.unit, "residual": each.limits, "u_um": each.fit.curve.u_um}
+            name: {
+                "unit": each.run.unit,
+                "residual": each.limits,
+                "u_um": each.fit.curve.u_um,
+            }
             for name, each in fits.items()
         }
         typer.echo(json.dumps(figures, indent=2))
@@ -147,7 +153,9 @@ def commission(
         return
     if calibration is None or controller is not None or profile is not None:
         raise UsageError(
-            "fourdof commission", expected=message("commission-logs-options"), found=sources[0].name
+            "fourdof commission",
+            expected=message("commission-logs-options"),
+            found=sources[0].name,
         )
     _commission_logs(sources, calibration, out, as_json=as_json)
 
@@ -162,7 +170,10 @@ def _commission_program(file: Path, controller: str, profile: Path | None, out: 
     write_set(
         out,
         [
-            *(ControlFile(name=each.name, data=each.data, role="program") for each in programs),
+            *(
+                ControlFile(name=each.name, data=each.data, role="program")
+                for each in programs
+            ),
             *beside,
         ],
     )
@@ -171,7 +182,9 @@ def _commission_program(file: Path, controller: str, profile: Path | None, out: 
     print_words(message("run-then-commission", name=file.name))
 
 
-def _commission_logs(logs: list[Path], calibration: Path, out: Path, *, as_json: bool) -> None:
+def _commission_logs(
+    logs: list[Path], calibration: Path, out: Path, *, as_json: bool
+) -> None:
     from stepdiag.daq.replay import find_logs, replay
     from stepdiag.fourdof.commission import commission as commissioned
     from stepdiag.fourdof.stands import commissioning_run
@@ -186,7 +199,9 @@ def _commission_logs(logs: list[Path], calibration: Path, out: Path, *, as_json:
         table = done.file.uncertainty
         fields = {
             name: {"value": value, "u": u}
-            for name, value, u in zip(table.of, done.found.value.tolist(), table.u, strict=True)
+            for name, value, u in zip(
+                table.of, done.found.value.tolist(), table.u, strict=True
+            )
         }
         typer.echo(
             json.dumps(
@@ -270,7 +285,8 @@ def compare(
         }
         typer.echo(
             json.dumps(
-                figures | {"arms": {axis: arm.as_json() for axis, arm in arms.items()}}, indent=2
+                figures | {"arms": {axis: arm.as_json() for axis, arm in arms.items()}},
+                indent=2,
             )
         )
         return
@@ -302,7 +318,9 @@ def show(
             out / "straightness.csv": render_straightness(straight),
             out / "angles.csv": render_angles(measured.angles),
         }
-        write_together({path: text.encode("utf-8") for path, text in texts.items()}, over=False)
+        write_together(
+            {path: text.encode("utf-8") for path, text in texts.items()}, over=False
+        )
         print_words(message("written-to", path=", ".join(map(str, texts))))
 
 

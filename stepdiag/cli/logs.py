@@ -89,7 +89,8 @@ def decode(
     source, chosen = open_log(log), cast("Stream", stream)
     with working(message("decoding")):
         count = _written(
-            target, lambda part: FORMATS[to](part, source, chosen, decoded(source, chosen, survey))
+            target,
+            lambda part: FORMATS[to](part, source, chosen, decoded(source, chosen, survey)),
         )
     print_words(message("decoded-samples", path=str(target), count=count, stream=stream))
 
@@ -131,7 +132,9 @@ def _as_text(found: "LogInfo") -> str:
         message("bytes-of", count=count, stream=stream)
         for stream, count in found.stream_bytes.items()
     ]
-    state = message("log-whole", how=end.run_stop["exit_status"]) if end.whole else _damage(found)
+    state = (
+        message("log-whole", how=end.run_stop["exit_status"]) if end.whole else _damage(found)
+    )
     reason = f": {end.run_stop['reason']}" if end.run_stop.get("reason") else ""
     facts = [
         message("log-lasted", begin=_wall(found.begin_wall_ns), seconds=found.seconds),
@@ -149,7 +152,10 @@ def _as_text(found: "LogInfo") -> str:
     lines = [
         f"{found.path}: {shown(state)}{reason}",
         *(f"  {shown(fact)}" for fact in facts),
-        *(f"  {topic:<16} {count:>8} messages" for topic, count in sorted(end.messages.items())),
+        *(
+            f"  {topic:<16} {count:>8} messages"
+            for topic, count in sorted(end.messages.items())
+        ),
         *(f"  {name}: {_short(text)}" for name, text in (found.run | found.clock).items()),
     ]
     return printable("\n".join(lines))
@@ -185,7 +191,9 @@ def _recovery_json(done: "Recovery") -> dict[str, object]:
 
 def _recovery_text(done: "Recovery") -> str:
     end = done.end
-    kept = message("log-mended", path=str(done.target), events=end.events, messages=done.messages)
+    kept = message(
+        "log-mended", path=str(done.target), events=end.events, messages=done.messages
+    )
     lost = message(
         "log-lost",
         path=str(done.source),

@@ -50,7 +50,9 @@ def plan(
     survey = load_survey(file)
     folders = round_folders(survey.folder(file))
     stops = (
-        [stop for log in begun_logs(folders[-1]) for stop in noted_stops(log)] if folders else []
+        [stop for log in begun_logs(folders[-1]) for stop in noted_stops(log)]
+        if folders
+        else []
     )
     about, last = known_before(file, survey, circumstances(survey, file.parent))
     advice = _advise(own_minutes(survey, stops), about, minutes, target_um)
@@ -107,7 +109,9 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
     setups = section.all_setups
     figures = {"repeats": section.repeats, "increments": finer}
     print_words(
-        message("plan-applied", name=str(file), setups=setups, **figures, dwell_s=section.dwell_s),
+        message(
+            "plan-applied", name=str(file), setups=setups, **figures, dwell_s=section.dwell_s
+        ),
         err=True,
     )
 
@@ -123,7 +127,8 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
 
     shifted = [run for run in plan.runs if any(run.beam_offset_mm)]
     orders, alternate = next(
-        ((run.axis_orders, run.alternate) for run in plan.runs if run.axis_orders), ((), False)
+        ((run.axis_orders, run.alternate) for run in plan.runs if run.axis_orders),
+        ((), False),
     )
     offsets = tuple(
         msgspec.convert(

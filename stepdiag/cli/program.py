@@ -32,7 +32,10 @@ def program(
     write_set(
         out,
         [
-            *(ControlFile(name=each.name, data=each.data, role="program") for each in programs),
+            *(
+                ControlFile(name=each.name, data=each.data, role="program")
+                for each in programs
+            ),
             *beside,
         ],
     )

@@ -67,7 +67,9 @@ def proof(
             "--controller", expected=message("one-of", names=TABLES), found=message("none")
         )
     if not 0 < minutes < float("inf"):
-        raise UsageError("--minutes", expected=message("number-above-0"), found=f"{minutes:g}")
+        raise UsageError(
+            "--minutes", expected=message("number-above-0"), found=f"{minutes:g}"
+        )
     _plan(file, survey, controller, loaded, profile, minutes, out, as_json=as_json)
 
 
@@ -98,7 +100,11 @@ def _plan(
         )
     folder = loaded or found.parent / EXPORTS / controller
     known = profile or next(
-        (file.parent / each.profile for each in survey.exports if each.controller == controller),
+        (
+            file.parent / each.profile
+            for each in survey.exports
+            if each.controller == controller
+        ),
         None,
     )
     given = ProofFiles(
@@ -112,7 +118,9 @@ def _plan(
         from dataclasses import asdict
 
         typer.echo(
-            json.dumps({**asdict(plan), "survey": str(target), "programs": programs}, indent=2)
+            json.dumps(
+                {**asdict(plan), "survey": str(target), "programs": programs}, indent=2
+            )
         )
         return
     _print_plan(plan)
@@ -129,7 +137,9 @@ def _acting(folder: Path) -> list[Path]:
     return [folder / each.name for each in tables_among([folder])[0]]
 
 
-def _programs(target: Path, controller: str, profile: Path | None, out: Path | None) -> list[str]:
+def _programs(
+    target: Path, controller: str, profile: Path | None, out: Path | None
+) -> list[str]:
     from stepdiag.cli.completion import PROGRAMS
     from stepdiag.daemon.driving import programs_of
     from stepdiag.daq.survey.file import load_survey
@@ -141,7 +151,10 @@ def _programs(target: Path, controller: str, profile: Path | None, out: Path | N
     made, beside = programs_of(load_survey(target), controller, profile)
     write_set(
         out,
-        [*(ControlFile(name=each.name, data=each.data, role="program") for each in made), *beside],
+        [
+            *(ControlFile(name=each.name, data=each.data, role="program") for each in made),
+            *beside,
+        ],
     )
     return [str(out / each.name) for each in made]
 

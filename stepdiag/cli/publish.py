@@ -54,7 +54,9 @@ def publish(
             expected=message(
                 "survey-file-and",
                 what=message(
-                    "either-option", one="--broker HOST[:PORT]", other="--opcua ADDRESS[:PORT]"
+                    "either-option",
+                    one="--broker HOST[:PORT]",
+                    other="--opcua ADDRESS[:PORT]",
                 ),
             ),
             found=found,
@@ -101,7 +103,12 @@ def _broker(
         file, "mqtt", user, password_file, f"broker {host}", host, plain=plain
     )
     return Broker(
-        host=host, port=port, secure=not plain, authority=ca, user=known_user, password=password
+        host=host,
+        port=port,
+        secure=not plain,
+        authority=ca,
+        user=known_user,
+        password=password,
     )
 
 
@@ -141,7 +148,9 @@ def _endpoint(
         file, "opcua", user, password_file, f"OPC UA server {host}", host, plain=plain
     )
     if known_user is not None and password is None:
-        raise UsageError("--user", expected=message("password-for-user"), found=message("none"))
+        raise UsageError(
+            "--user", expected=message("password-for-user"), found=message("none")
+        )
     return Endpoint(
         host=host,
         port=port,
@@ -163,7 +172,11 @@ def _who(
     known_user = user or secret(file, f"{kind}-user", "", "--user") or None
     password = secret(file, f"{kind}-password", password_file, "--password-file") or None
     if plain and password is not None and not is_loopback(host):
-        remedy = message("without-plain-mqtt") if kind == "mqtt" else message("without-plain-opcua")
+        remedy = (
+            message("without-plain-mqtt")
+            if kind == "mqtt"
+            else message("without-plain-opcua")
+        )
         raise UsageError(
             whom, expected=message("encryption-for-password"), found="--plain", remedy=remedy
         )

@@ -70,8 +70,13 @@ def machine_class_asked(
 
     if name is None and on_terminal():
         for each, sizes in CLASSES.items():
-            numbers = {"repeats_um": sizes["repeatability_um"], "angles_urad": sizes["angles_urad"]}
-            print_words(message("class-sizes", name=f"{each:<9}", what=_WORDS[each], **numbers))
+            numbers = {
+                "repeats_um": sizes["repeatability_um"],
+                "angles_urad": sizes["angles_urad"],
+            }
+            print_words(
+                message("class-sizes", name=f"{each:<9}", what=_WORDS[each], **numbers)
+            )
     usual = MachineClass()
     chosen = asked(
         "machine-class",

@@ -70,7 +70,9 @@ def report(
         typer.echo(json.dumps({"written": [str(path) for path in written]}))
     else:
         more = message("more-files", path=str(written[0]), count=len(written) - 1)
-        print_words(message("report-written", what=more if len(written) > 1 else str(written[0])))
+        print_words(
+            message("report-written", what=more if len(written) > 1 else str(written[0]))
+        )
 
 
 def _require_alike(before: "Result", after: "Result") -> None:
@@ -117,7 +119,9 @@ def read_result(path: Path, name: str = "") -> "Result":
 
     file = result_file(path)
     if path.is_dir() and not file.exists():
-        remedy = message("command-says", command=shlex.join(["stepdiag", "status", str(path)]))
+        remedy = message(
+            "command-says", command=shlex.join(["stepdiag", "status", str(path)])
+        )
         raise UsageError(
             str(path),
             expected=message("folder-with", what=RESULT),
@@ -126,7 +130,8 @@ def read_result(path: Path, name: str = "") -> "Result":
         )
     if {".csv", ".mcap"} & set(path.suffixes):
         remedy = message(
-            "command-writes", command=shlex.join(["stepdiag", "solve", str(path), "--out", RESULT])
+            "command-writes",
+            command=shlex.join(["stepdiag", "solve", str(path), "--out", RESULT]),
         )
         raise UsageError(
             str(path),
@@ -182,7 +187,10 @@ def compare(
             expected=message("with-option", option="--out FILE.html"),
             found=message("no-report-page"),
         )
-    read = [read_result(path, name) for path, name in zip(results, _distinct(results), strict=True)]
+    read = [
+        read_result(path, name)
+        for path, name in zip(results, _distinct(results), strict=True)
+    ]
     comparison = comparing.compare(read[0], read[-1])
     trends = comparing.trend(read) if len(read) > 2 else ()
     exported = [exported_in(read[0], loaded, profile)] if loaded else []
@@ -200,7 +208,11 @@ def compare(
         )
     if as_json:
         changes = [
-            {**asdict(change), "difference": change.difference, "significant": change.significant}
+            {
+                **asdict(change),
+                "difference": change.difference,
+                "significant": change.significant,
+            }
             for change in comparison.changes
         ]
         volumetric = {
@@ -210,7 +222,9 @@ def compare(
             "after": written(comparison.after),
         }
         beside = (
-            {} if left is None else {"as_left": _left_json(left, _concluded(read[0], exported))}
+            {}
+            if left is None
+            else {"as_left": _left_json(left, _concluded(read[0], exported))}
         )
         document = {
             "results": [{"file": one.source, **which(one)} for one in read],
@@ -278,7 +292,9 @@ def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
     predicted = None if concluded.reach is None else concluded.reach.rms_after
     print_words(
         message(
-            "predicted-and-left", predicted=interval_words(predicted), left=interval_words(left.rms)
+            "predicted-and-left",
+            predicted=interval_words(predicted),
+            left=interval_words(left.rms),
         )
     )
     print_words(f"{kept} {words[f'left_gain_{left.gain}']}")
@@ -293,7 +309,9 @@ def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:
     names = [result.source for result in read]
     console.print(sources(read), soft_wrap=True)
     console.print(comparison_table(comparison, names[0], names[-1]))
-    what = message("effect-of-volume") if comparison.common.solid else message("effect-of-axes")
+    what = (
+        message("effect-of-volume") if comparison.common.solid else message("effect-of-axes")
+    )
     print_words(
         message(
             "before-then-after",

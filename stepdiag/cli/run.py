@@ -57,7 +57,8 @@ def complete(
             from stepdiag.cli.certificate import certify_folder
 
             typer.echo(
-                kept(message("certificate-written", name=certify_folder(folder).name)), err=True
+                kept(message("certificate-written", name=certify_folder(folder).name)),
+                err=True,
             )
             return
         done = finish([folder], folder)
@@ -89,7 +90,9 @@ def pack(folder: Path, max_gb: float) -> None:
     configure()
     log = structlog.get_logger("archive")
     for packed in keep_budget(folder, max_gb * GB):
-        log.info("archived", folder=str(packed.folder), saved_mb=round(packed.saved_bytes / 1e6, 3))
+        log.info(
+            "archived", folder=str(packed.folder), saved_mb=round(packed.saved_bytes / 1e6, 3)
+        )
     used_gb = size_bytes(folder) / GB
     if used_gb > max_gb:
         log.warning("over-budget", used_gb=round(used_gb, 2), max_gb=max_gb)

@@ -28,7 +28,9 @@ class Compared(NamedTuple):
     @property
     def largest_um(self) -> float:
         """Return the largest difference."""
-        return max(abs(a - b) for a, b in zip(self.predicted_um, self.measured_um, strict=True))
+        return max(
+            abs(a - b) for a, b in zip(self.predicted_um, self.measured_um, strict=True)
+        )
 
 
 def register(app: typer.Typer) -> None:
@@ -58,7 +60,8 @@ def rtl(
     texts = {"Machine": machine} if machine else {}
     refuse_file_name(out)
     rendered = {
-        out / f"{setup}.rtl": render_rtl(taken, setup, texts).encode("utf-8") for setup in setups
+        out / f"{setup}.rtl": render_rtl(taken, setup, texts).encode("utf-8")
+        for setup in setups
     }
     write_together(rendered, over=False)
     for path in rendered:
@@ -106,7 +109,9 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
         if not separator:
             raise UsageError(
                 "--diagonal",
-                expected=message("such-as", what=message("diagonal-file"), example="ppp=d1.rtl"),
+                expected=message(
+                    "such-as", what=message("diagonal-file"), example="ppp=d1.rtl"
+                ),
                 found=repr(option),
             )
         file = parse_rtl(read_text(Path(name)), name)
@@ -115,7 +120,10 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
         predicted = along_diagonal_um(result, diagonal, target)
         found.append(
             Compared(
-                diagonal, target.tolist(), predicted.tolist(), (measured - measured[0]).tolist()
+                diagonal,
+                target.tolist(),
+                predicted.tolist(),
+                (measured - measured[0]).tolist(),
             )
         )
     return found
@@ -123,7 +131,9 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
 
 def print_compared(each: Compared) -> None:
     """Show one diagonal on a terminal."""
-    print_words(message("diagonal-difference", diagonal=each.diagonal, largest_um=each.largest_um))
+    print_words(
+        message("diagonal-difference", diagonal=each.diagonal, largest_um=each.largest_um)
+    )
     typer.echo("  target_mm  predicted_um  measured_um")
     for target, predicted, measured in zip(
         each.target_mm, each.predicted_um, each.measured_um, strict=True
@@ -152,7 +162,9 @@ def _placed(option: str, where: str = "--run") -> tuple[str, Path, list[float]]:
     except ValueError:
         at_mm = [0.0]
     if len(at_mm) not in (0, 3):
-        expected = message("such-as", what=message("coordinates-after-at"), example="@0,200,150")
+        expected = message(
+            "such-as", what=message("coordinates-after-at"), example="@0,200,150"
+        )
         raise UsageError(where, expected=expected, found=repr(place))
     return setup, Path(name), [0.0 if each != each else each for each in at_mm]  # noqa: PLR0124 - the one along the axis may be left out
 
@@ -186,7 +198,9 @@ def import_tables(tables: Sequence[str], columns: Sequence[str], out: Path) -> N
         "angles.csv": render_angles(angles) if angles else "",
         "straightness.csv": render_straightness(straightness) if straightness else "",
     }
-    write_together(hashed({out / name: text for name, text in texts.items() if text}), over=False)
+    write_together(
+        hashed({out / name: text for name, text in texts.items() if text}), over=False
+    )
     for name, text in texts.items():
         if text:
             typer.echo(str(out / name))

@@ -63,7 +63,12 @@ def publish(
     from stepdiag.base.errors import UsageError
     from stepdiag.cli.publish import OPCUA_PORT, PORT, SECURE_PORT
     from stepdiag.daemon.installation import carry_out
-    from stepdiag.daemon.publication import Publication, credentials, plan_end, plan_publication
+    from stepdiag.daemon.publication import (
+        Publication,
+        credentials,
+        plan_end,
+        plan_publication,
+    )
 
     if not end and bool(broker) == bool(opcua):
         raise UsageError(
@@ -81,7 +86,9 @@ def publish(
     )
     steps = plan_end(file, root) if end else plan_publication(file, root, publication)
     _show(steps, texts=dry_run and not end)
-    for each, found in ({} if end else credentials(file.stem, file.parent, publication)).items():
+    for each, found in (
+        {} if end else credentials(file.stem, file.parent, publication)
+    ).items():
         print_words(
             message(
                 "credential",

@@ -97,7 +97,9 @@ def setup(
         raise typer.Exit(NOT_REACHED)
 
 
-def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tuple[str, str, int]:
+def _laser(
+    port: str | None, form: str | None, baud: int, seconds: float
+) -> tuple[str, str, int]:
     """Return the laser's port, format and rate, from the answer or from listening."""
     from stepdiag.checking.hearing import listen, ports
 
@@ -107,12 +109,17 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
             print_words(f"  {number}  {each.name}  {each.words}")
         known = {str(number): each.name for number, each in enumerate(seen, start=1)}
         port = asked(
-            "laser-port", message("ask-laser-port"), None, lambda text: known.get(text, _port(text))
+            "laser-port",
+            message("ask-laser-port"),
+            None,
+            lambda text: known.get(text, _port(text)),
         )
     port = _port(port)
     if form is not None:
         return port, _format(form), baud
-    heard = _while_saying(message("listening-on", port=port), lambda: listen(port, baud, seconds))
+    heard = _while_saying(
+        message("listening-on", port=port), lambda: listen(port, baud, seconds)
+    )
     if heard.trouble:
         raise DeviceError("laser", expected=message("audible-port"), found=heard.trouble)
     if heard.format in _FORMATS:
@@ -283,7 +290,9 @@ def _whole(text: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise UsageError("answer", expected=message("whole-number"), found=repr(text)) from None
+        raise UsageError(
+            "answer", expected=message("whole-number"), found=repr(text)
+        ) from None
 
 
 def _elsewhere(text: str) -> int | str:

@@ -45,7 +45,12 @@ def signtest(
     from stepdiag.exporters.profiles.file import load_profile
     from stepdiag.exporters.profiles.registry import controller_named
     from stepdiag.exporters.safety.identity import require_same_machine
-    from stepdiag.exporters.safety.sign_evidence import known_um, record, require_sound, subject
+    from stepdiag.exporters.safety.sign_evidence import (
+        known_um,
+        record,
+        require_sound,
+        subject,
+    )
     from stepdiag.exporters.safety.sign_test import bump, verdict
 
     control, measured = (
@@ -59,16 +64,22 @@ def signtest(
             if given:
                 raise UsageError(
                     name,
-                    expected=message("with-option", option="--off FILE --on FILE (--run FILE)"),
+                    expected=message(
+                        "with-option", option="--off FILE --on FILE (--run FILE)"
+                    ),
                     found="--out",
                 )
         _write_bump(test, out, controller, profile, result)
         return
     if out is not None:
-        raise UsageError("signtest", expected=message("bump-or-verdict"), found=message("both"))
+        raise UsageError(
+            "signtest", expected=message("bump-or-verdict"), found=message("both")
+        )
     driven = _sign_run(test, off, on, run)
     if measured is None:
-        raise UsageError("--result", expected=message("result-of-survey"), found=message("none"))
+        raise UsageError(
+            "--result", expected=message("result-of-survey"), found=message("none")
+        )
     require_same_machine(measured, known)
     require_sound(test, driven, known_um(measured, control, known, test, driven.position_mm))
     shown = verdict(test, driven.position_mm, driven.off_um, driven.on_um)
@@ -91,13 +102,20 @@ def signtest(
         read_given([each for each in (off, on, run) if each is not None]),
     )
     print_words(
-        message("bump-expected", expected_um=test.expected_um, top_mm=test.top_mm, what=shown.words)
+        message(
+            "bump-expected",
+            expected_um=test.expected_um,
+            top_mm=test.top_mm,
+            what=shown.words,
+        )
     )
     typer.echo("")
     print_words(message("append-to", name=str(profile)))
     typer.echo(f"\n{kept.as_toml()}")
     if shown.sense != (stated := test.tables[-1].law.sense):
-        print_words(message("sign-differs", sense=shown.sense or message("none"), stated=stated))
+        print_words(
+            message("sign-differs", sense=shown.sense or message("none"), stated=stated)
+        )
 
 
 def _write_bump(
@@ -162,7 +180,10 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
     title = shown(message("bump-title", function=test.function, controller=controller))
     return (
         "\n".join(
-            [title, *(f"{number}. {shown(step)}" for number, step in enumerate(steps, start=1))]
+            [
+                title,
+                *(f"{number}. {shown(step)}" for number, step in enumerate(steps, start=1)),
+            ]
         )
         + "\n"
     )

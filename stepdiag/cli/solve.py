@@ -170,9 +170,13 @@ def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Re
     if environment is None:
         return solve_logs(replay_judged(paths), method)[0]
     result = solve_logs(
-        replay_judged(paths), method, parse_environment(read_text(environment), environment.name)
+        replay_judged(paths),
+        method,
+        parse_environment(read_text(environment), environment.name),
     )[0]
-    return replace(result, sources=(*(result.sources or ()), source_of("environment", environment)))
+    return replace(
+        result, sources=(*(result.sources or ()), source_of("environment", environment))
+    )
 
 
 def _write_result(out: Path, result: "Result") -> None:

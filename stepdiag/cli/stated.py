@@ -25,7 +25,11 @@ def active_files(active: list[Path] | None) -> dict[str, bytes]:
 
 
 def with_compensation(
-    result: "Result", state: str | None, files: dict[str, bytes], day: datetime | None, source: str
+    result: "Result",
+    state: str | None,
+    files: dict[str, bytes],
+    day: datetime | None,
+    source: str,
 ) -> "Result":
     """Return the result with the operator's statement of active files, and the hashes of these
     files.
@@ -45,7 +49,9 @@ def with_compensation(
         for option, found in given.items():
             if found:
                 raise UsageError(
-                    option, expected=message("with-option", option="--compensation on"), found=found
+                    option,
+                    expected=message("with-option", option="--compensation on"),
+                    found=found,
                 )
         return result
     if state not in ("off", "on"):

@@ -147,7 +147,9 @@ def _remarks(found: "Standing") -> "Iterator[Words]":
             yield message("labelled", name=_named(setup.name), what=words)
     yield from _undated(found)
     yield from (
-        message("labelled", name=log.name, what=log.trouble) for log in found.logs if log.trouble
+        message("labelled", name=log.name, what=log.trouble)
+        for log in found.logs
+        if log.trouble
     )
     if found.disk:
         yield found.disk
@@ -205,7 +207,10 @@ def _setup_table(setups: "Sequence[SetupStatus]") -> "Table":
         passes = message("so-many-of", done=setup.passes_done, wanted=setup.passes_wanted)
         stops = message("so-many-of", done=setup.stops_done, wanted=setup.stops_wanted)
         table.add_row(
-            shown(_named(setup.name)), shown(passes), shown(stops), shown(_STATES[setup.state])
+            shown(_named(setup.name)),
+            shown(passes),
+            shown(stops),
+            shown(_STATES[setup.state]),
         )
     return table
 
@@ -228,7 +233,10 @@ def _live(found: "Standing", *, verbose: bool) -> "list[Words]":
     }
     lines: list[Words] = [
         message(
-            "status-link", name=name, state=_LINKS[link.state], detail=link.detail or link.address
+            "status-link",
+            name=name,
+            state=_LINKS[link.state],
+            detail=link.detail or link.address,
         )
         for name, link in links.items()
         if link is not None and (verbose or link.state != "connected")
@@ -253,7 +261,9 @@ def _doubted(found: "Standing") -> "list[Words]":
     for place in places_of(found.doubts):
         here = [doubt.words for doubt in found.doubts if doubt.place == place]
         lines += [
-            words for words in dict.fromkeys(here) if str(words) not in named and words not in lines
+            words
+            for words in dict.fromkeys(here)
+            if str(words) not in named and words not in lines
         ]
         lines.append(
             message("status-accept", command=f"stepdiag accept {where} {place} --reason ...")
@@ -271,7 +281,11 @@ def _still(found: "Standing") -> "list[Words]":
             stops = message("stops-from", first=drive.from_stop, count=drive.stops)
         minutes = max(round(drive.minutes), 1)
         line = message(
-            "status-pass", setup=drive.setup, number=drive.pass_number, stops=stops, minutes=minutes
+            "status-pass",
+            setup=drive.setup,
+            number=drive.pass_number,
+            stops=stops,
+            minutes=minutes,
         )
         lines.append(f"  {shown(line)}")
     return lines

@@ -43,7 +43,10 @@ class Standing:
     undated: bool = False
 
 
-_LENGTHS = {"as_measured": message("lengths-as-measured"), "at_20_c": message("lengths-at-20-c")}
+_LENGTHS = {
+    "as_measured": message("lengths-as-measured"),
+    "at_20_c": message("lengths-at-20-c"),
+}
 
 
 def standing_of(result: Result) -> Standing:
@@ -60,8 +63,12 @@ def standing_of(result: Result) -> Standing:
         ),
         volume_mm=(*result.volume.origin_mm, *result.volume.size_mm),
         increments=result.volume.increments,
-        errors=tuple(sorted({each.code for each in result.findings if each.severity == "error"})),
-        undated=any((each.code, each.severity) == (CLOCK, "warning") for each in result.findings),
+        errors=tuple(
+            sorted({each.code for each in result.findings if each.severity == "error"})
+        ),
+        undated=any(
+            (each.code, each.severity) == (CLOCK, "warning") for each in result.findings
+        ),
     )
 
 
@@ -70,7 +77,9 @@ def apart(one: Standing, other: Standing) -> Message | None:
     compared.
     """
     if _differ(one.machine_serial, other.machine_serial):
-        return message("differs-serial", expected=one.machine_serial, found=other.machine_serial)
+        return message(
+            "differs-serial", expected=one.machine_serial, found=other.machine_serial
+        )
     if _differ(one.chain, other.chain):
         return message("differs-chain", expected=one.chain, found=other.chain)
     expected, found = _LENGTHS.get(one.lengths), _LENGTHS.get(other.lengths)
@@ -94,7 +103,9 @@ def remarks(one: Standing, other: Standing) -> Iterator[Message]:
     if one.increments and other.increments and one.increments != other.increments:
         yield message("remark-increments", before=one.increments, after=other.increments)
     if _differ(one.compensation, other.compensation):
-        yield message("remark-compensation", before=one.compensation, after=other.compensation)
+        yield message(
+            "remark-compensation", before=one.compensation, after=other.compensation
+        )
     if found := (*one.errors, *other.errors):
         yield message("remark-errors", codes=tuple(dict.fromkeys(found)))
 
@@ -103,7 +114,9 @@ def same_volume(one: Standing, other: Standing) -> bool:
     """Return whether two results cover the same volume."""
     sizes = [size for size in one.volume_mm[3:] if size > 0]
     return bool(
-        np.allclose(one.volume_mm, other.volume_mm, rtol=0.0, atol=ALMOST * min(sizes, default=1.0))
+        np.allclose(
+            one.volume_mm, other.volume_mm, rtol=0.0, atol=ALMOST * min(sizes, default=1.0)
+        )
     )
 
 

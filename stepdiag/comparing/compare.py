@@ -122,7 +122,9 @@ def require_same_volume(before: Result, after: Result) -> None:
     """
     if not same_volume(standing_of(before), standing_of(after)):
         boxes = ((each.volume.origin_mm, each.volume.size_mm) for each in (before, after))
-        shown = [f"{origin} to {tuple(np.add(origin, size).tolist())} mm" for origin, size in boxes]
+        shown = [
+            f"{origin} to {tuple(np.add(origin, size).tolist())} mm" for origin, size in boxes
+        ]
         remedy = message("same-volume-again")
         raise DataError(
             f"{after.source}: volume",
@@ -143,7 +145,11 @@ def _interval(result: Result, common: Volume) -> Interval:
     ):
         return reach_of(result.predicted).rms_before
     points = anywhere_mm(common)
-    return predicted(result, points, np.zeros(points.shape)).without_rigid_motion["before"].rms_um
+    return (
+        predicted(result, points, np.zeros(points.shape))
+        .without_rigid_motion["before"]
+        .rms_um
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -168,7 +174,8 @@ def _judged(before: Result, after: Result) -> tuple[Change, ...]:
     """
     asked = list(_changes(before, after))
     steps, u, whole = (
-        np.concatenate([getattr(each, name) for each in asked]) for name in ("steps", "u", "whole")
+        np.concatenate([getattr(each, name) for each in asked])
+        for name in ("steps", "u", "whole")
     )
     questions = int(np.count_nonzero(u > 0))
     scattered = beyond(
@@ -199,7 +206,9 @@ def _changes(before: Result, after: Result) -> Iterator[_Asked]:
     shares = partial(_shares, (before, after), same_instruments=len(instruments) == 1)
     for name, q in before.squareness.items():
         other = after.squareness[name]
-        yield _number_change(name, q.unit, (q.value, q.u), (other.value, other.u), shares(name))
+        yield _number_change(
+            name, q.unit, (q.value, q.u), (other.value, other.u), shares(name)
+        )
     for name, s in before.scale.items():
         found = after.scale[name]
         yield _number_change(
@@ -207,12 +216,15 @@ def _changes(before: Result, after: Result) -> Iterator[_Asked]:
         )
     for name in (*DISPLACEMENTS, *ROTATIONS):
         if name in before.errors and name in after.errors:
-            yield _function_change(name, before.errors[name], after.errors[name], shares(name))
+            yield _function_change(
+                name, before.errors[name], after.errors[name], shares(name)
+            )
 
 
 def _shares(results: Sequence[Result], name: str, *, same_instruments: bool) -> Shares:
     first, second = (
-        common_share(result.budget, name, same_instruments=same_instruments) for result in results
+        common_share(result.budget, name, same_instruments=same_instruments)
+        for result in results
     )
     return first, second
 
@@ -221,14 +233,22 @@ def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:
     """Return the standard uncertainty of a difference; the shares ``alike`` of both sides have a
     common cause.
     """
-    own = [u * np.sqrt(1.0 - share**2) for u, share in ((before, alike[0]), (after, alike[1]))]
-    found: Vector = np.sqrt(own[0] ** 2 + own[1] ** 2 + (alike[1] * after - alike[0] * before) ** 2)
+    own = [
+        u * np.sqrt(1.0 - share**2) for u, share in ((before, alike[0]), (after, alike[1]))
+    ]
+    found: Vector = np.sqrt(
+        own[0] ** 2 + own[1] ** 2 + (alike[1] * after - alike[0] * before) ** 2
+    )
     return found
 
 
-def _number_change(name: str, unit: str, before: Known, after: Known, alike: Shares) -> _Asked:
+def _number_change(
+    name: str, unit: str, before: Known, after: Known, alike: Shares
+) -> _Asked:
     if before[1] is None or after[1] is None or before[0] is None or after[0] is None:
-        return _Asked(change=Change(name=name, unit=unit, before=before[0], after=after[0], u=None))
+        return _Asked(
+            change=Change(name=name, unit=unit, before=before[0], after=after[0], u=None)
+        )
     u = float(_u_of_difference(np.array(before[1]), np.array(after[1]), alike))
     change = Change(name=name, unit=unit, before=before[0], after=after[0], u=u)
     return _Asked(
@@ -244,7 +264,9 @@ def _function_change(name: str, before: Function, after: Function, alike: Shares
     shape.
     """
     if before.value is None or after.value is None:
-        return _Asked(change=Change(name=name, unit=before.unit, before=None, after=None, u=None))
+        return _Asked(
+            change=Change(name=name, unit=before.unit, before=None, after=None, u=None)
+        )
     nodes = _common_nodes(before, after)
     shape = not (before.slope_identified and after.slope_identified) or _other_line(
         name, before, after
@@ -263,7 +285,14 @@ def _function_change(name: str, before: Function, after: Function, alike: Shares
 
 
 def _at_node(
-    name: str, unit: str, nodes: Vector, a: Vector, b: Vector, node: int, *, u: float | None = None
+    name: str,
+    unit: str,
+    nodes: Vector,
+    a: Vector,
+    b: Vector,
+    node: int,
+    *,
+    u: float | None = None,
 ) -> Change:
     return Change(
         name=name,
@@ -288,10 +317,14 @@ def _common_nodes(before: Function, after: Function) -> Vector:
     between its nodes.
     """
     coarse, fine = (
-        (before, after) if len(before.position_mm) <= len(after.position_mm) else (after, before)
+        (before, after)
+        if len(before.position_mm) <= len(after.position_mm)
+        else (after, before)
     )
     low, high = fine.position_mm[0] - 1e-6, fine.position_mm[-1] + 1e-6
-    nodes: Vector = coarse.position_mm[(coarse.position_mm >= low) & (coarse.position_mm <= high)]
+    nodes: Vector = coarse.position_mm[
+        (coarse.position_mm >= low) & (coarse.position_mm <= high)
+    ]
     if len(nodes) < 2:
         raise DataError(
             "errors",
@@ -358,20 +391,28 @@ def trend(results: Sequence[Result]) -> tuple[Trend, ...]:
     common = _common_volume(results)
     first = results[0]
     found = [
-        _trend(name, "urad", [(r.squareness[name].value, r.squareness[name].u) for r in results])
+        _trend(
+            name, "urad", [(r.squareness[name].value, r.squareness[name].u) for r in results]
+        )
         for name in first.squareness
     ]
     found += [
-        _trend(f"scale {name}", "um/m", [(r.scale[name].value, r.scale[name].u) for r in results])
+        _trend(
+            f"scale {name}", "um/m", [(r.scale[name].value, r.scale[name].u) for r in results]
+        )
         for name in first.scale
     ]
     for name in DISPLACEMENTS:
         found.append(
-            _trend(f"range of {name}", "um", [_range(result.errors[name]) for result in results])
+            _trend(
+                f"range of {name}", "um", [_range(result.errors[name]) for result in results]
+            )
         )
     found.append(
         _trend(
-            "volumetric error rms", "um", [(_rms_um(result, common), None) for result in results]
+            "volumetric error rms",
+            "um",
+            [(_rms_um(result, common), None) for result in results],
         )
     )
     return tuple(found)

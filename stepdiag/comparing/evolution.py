@@ -78,7 +78,11 @@ class Figures:
 
     def widened(self, scatter: float) -> "Figures":
         """Return the figures with ``scatter`` times u in each survey's own part."""
-        return self if not scatter else replace(self, u_own=np.hypot(self.u_own, scatter * self.u))
+        return (
+            self
+            if not scatter
+            else replace(self, u_own=np.hypot(self.u_own, scatter * self.u))
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,10 +103,13 @@ class Calendar:
         places = np.flatnonzero(kept)
         behind = np.searchsorted(places, np.arange(len(kept)))
         broken, named = (
-            np.isin(np.arange(len(places)), behind[each]) for each in (self.broken, self.named)
+            np.isin(np.arange(len(places)), behind[each])
+            for each in (self.broken, self.named)
         )
         return Calendar(
-            years=self.years[places], broken=broken & (np.arange(len(places)) > 0), named=named
+            years=self.years[places],
+            broken=broken & (np.arange(len(places)) > 0),
+            named=named,
         )
 
 
@@ -162,7 +169,8 @@ def scatter(figures: Sequence[Figures], calendar: Calendar) -> float:
     if not figures:
         return 0.0
     values, own, u = (
-        np.hstack([getattr(each, name) for each in figures]) for name in ("values", "u_own", "u")
+        np.hstack([getattr(each, name) for each in figures])
+        for name in ("values", "u_own", "u")
     )
     steps, expected, whole = (
         np.abs(np.diff(values, axis=0)),
@@ -188,7 +196,8 @@ def beyond(steps: Array, expected: Array, whole: Array, independent: int) -> flo
         return 0.0
     total = float(np.median(steps / whole)) / normal * (1 + 1 / math.sqrt(independent))
     return min(
-        math.sqrt(max(total**2 - float(np.median(expected / whole)) ** 2, 0.0)), LARGEST_SCATTER
+        math.sqrt(max(total**2 - float(np.median(expected / whole)) ** 2, 0.0)),
+        LARGEST_SCATTER,
     )
 
 
@@ -243,7 +252,9 @@ def _explained(
         if not np.any(weights[:, mine]):
             yield Explained(verdict="undecided", courses=())
         else:
-            search = _Search(values[:, mine], weights[:, mine], days, candidates, limits, questions)
+            search = _Search(
+                values[:, mine], weights[:, mine], days, candidates, limits, questions
+            )
             worth = np.any(days.broken) or np.any(
                 gains.gain[:, mine].max(axis=1, initial=0.0) > limits
             )
@@ -275,7 +286,9 @@ def _thresholds(candidates: "_Candidates", days: Calendar, questions: int) -> Ar
             for kind, at in zip(candidates.kinds, candidates.places, strict=True)
         ]
     )
-    asked = np.where(first, 1 + events, len(candidates.kinds)) * questions * (2 if events else 1)
+    asked = (
+        np.where(first, 1 + events, len(candidates.kinds)) * questions * (2 if events else 1)
+    )
     chance = ERRS / np.maximum(asked, 1)
     rare: list[float] = chance.tolist()
     normal = {each: NormalDist().inv_cdf(1 - each / 2) ** 2 for each in set(rare)}
@@ -337,7 +350,9 @@ class _Search:
         )
 
     def _design(self, taken: Sequence[_Taken]) -> Array:
-        return np.column_stack([_base(self.days), *(self._columns(each.number) for each in taken)])
+        return np.column_stack(
+            [_base(self.days), *(self._columns(each.number) for each in taken)]
+        )
 
     def _columns(self, number: int) -> Array:
         """Return the columns of a candidate: two of a season, else one."""
@@ -426,7 +441,8 @@ def _hidden(u: Array, weights: Array, candidates: _Candidates, gains: _Gains) ->
     """Return at which steps and nodes a change of `DENIABLE` U is not excluded, shape (steps,
     nodes)."""
     steps = np.array(
-        [number for number, kind in enumerate(candidates.kinds) if kind == "step"], dtype=np.int64
+        [number for number, kind in enumerate(candidates.kinds) if kind == "step"],
+        dtype=np.int64,
     )
     at = candidates.places[steps]
     allowed = 2 * DENIABLE * np.hypot(u[at - 1], u[at])
@@ -444,7 +460,10 @@ def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
     """
     found: Mask = np.zeros(values.shape[1], dtype=bool)
     for level in _base_levels(days):
-        own, inner = weights[level], slice(level.start + 1, max(level.stop - 1, level.start + 1))
+        own, inner = (
+            weights[level],
+            slice(level.start + 1, max(level.stop - 1, level.start + 1)),
+        )
         mine = weights[inner]
         others = own.sum(axis=0) - mine
         usable = (mine > 0) & (others > 0)
@@ -477,7 +496,9 @@ def _unchanged(hidden: Mask, lone: Mask, search: _Search, gains: _Gains) -> Expl
         return Explained(verdict="unchanged" if len(hidden) else "undecided", courses=())
     places = [
         at
-        for at, kind in zip(search.candidates.places.tolist(), search.candidates.kinds, strict=True)
+        for at, kind in zip(
+            search.candidates.places.tolist(), search.candidates.kinds, strict=True
+        )
         if kind == "step"
     ]
     with np.errstate(divide="ignore"):
@@ -579,7 +600,9 @@ def _gains_beside_levels(
     columns = candidates.columns
     pair = candidates.kinds.index("season") if "season" in candidates.kinds else None
     rest, norm = values.copy(), (columns**2).T @ weights
-    cross = np.zeros(0) if pair is None else (columns[:, pair] * columns[:, pair + 1]) @ weights
+    cross = (
+        np.zeros(0) if pair is None else (columns[:, pair] * columns[:, pair + 1]) @ weights
+    )
     for level in _base_levels(days):
         mine = weights[level]
         total = mine.sum(axis=0)
@@ -596,7 +619,10 @@ def _gains_beside_levels(
         determinant = a * b - cross**2
         usable = determinant > TOO_ALIKE * a * b
         both = np.divide(
-            b * x**2 - 2 * cross * x * y + a * y**2, determinant, out=np.zeros_like(a), where=usable
+            b * x**2 - 2 * cross * x * y + a * y**2,
+            determinant,
+            out=np.zeros_like(a),
+            where=usable,
         )
         found.gain[pair], found.gain[pair + 1] = both, 0.0
     return found

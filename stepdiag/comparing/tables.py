@@ -33,7 +33,8 @@ def sources(results: Sequence[Result]) -> Text:
     ]
     return Text(
         "\n".join(
-            printable(f"{one.source}: {words}") for one, words in zip(results, of, strict=True)
+            printable(f"{one.source}: {words}")
+            for one, words in zip(results, of, strict=True)
         )
     )
 

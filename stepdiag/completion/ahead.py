@@ -60,9 +60,15 @@ def done_in(survey: Survey, book: PassBook) -> list[str]:
 def _readings(survey: Survey, book: PassBook) -> Readings | None:
     done = done_in(survey, book)
     passes = [
-        each for each in book.passes if each.route.setup in done and each.number in book.wanted()
+        each
+        for each in book.passes
+        if each.route.setup in done and each.number in book.wanted()
     ]
-    return tabulate(survey, passes) if any(not setup_of(name).is_fourdof for name in done) else None
+    return (
+        tabulate(survey, passes)
+        if any(not setup_of(name).is_fourdof for name in done)
+        else None
+    )
 
 
 def known_before(
@@ -88,7 +94,9 @@ def known_before(
         return about, None
     last = max(found)
     result, readings = found[last]
-    shown, angles_urad = shown_by(readings, replace(survey.planned, volume=result.volume), about)
+    shown, angles_urad = shown_by(
+        readings, replace(survey.planned, volume=result.volume), about
+    )
     return shown, None if angles_urad is None else last[1]
 
 

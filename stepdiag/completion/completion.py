@@ -16,7 +16,14 @@ import msgspec
 
 from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
-from stepdiag.base.files import as_text, hashed, holds, write_hashed, write_once, write_together
+from stepdiag.base.files import (
+    as_text,
+    hashed,
+    holds,
+    write_hashed,
+    write_once,
+    write_together,
+)
 from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.readings.readings import Readings, render_readings
 from stepdiag.base.result.members import AssumedConditions, Conditions, Facts, Source
@@ -35,7 +42,12 @@ from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_
 from stepdiag.daq.records.survey_folder import EXPORTS, READINGS, REFUSED, RESULT
 from stepdiag.daq.replay import Replayed, find_logs
 from stepdiag.daq.survey.assumed import assumptions_of
-from stepdiag.daq.survey.bundle import active_in, compensation_findings, compensation_of, tables_for
+from stepdiag.daq.survey.bundle import (
+    active_in,
+    compensation_findings,
+    compensation_of,
+    tables_for,
+)
 from stepdiag.daq.survey.environment import NAMES
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
@@ -80,7 +92,8 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
         computed, _ = solve_logs(replayed)
     except DataError as error:
         note_judgement(
-            out, Judgement(time_s=time.time(), stops=replayed.book.stops, reason=error.message)
+            out,
+            Judgement(time_s=time.time(), stops=replayed.book.stops, reason=error.message),
         )
         raise
     _require_settled(replayed, out)
@@ -95,7 +108,9 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     )
 
 
-def leave_readings(paths: Sequence[Path], out: Path, survey_file: Path | None = None) -> Replayed:
+def leave_readings(
+    paths: Sequence[Path], out: Path, survey_file: Path | None = None
+) -> Replayed:
     """Write the readings of logs into ``out``, whatever their doubts; return the logs, with the
     later verdicts on them.
 
@@ -120,7 +135,9 @@ def replay_judged(paths: Sequence[Path], survey_file: Path | None = None) -> Rep
 
 
 def solve_logs(
-    replayed: Replayed, method: str | None = None, environment: Mapping[str, float] | None = None
+    replayed: Replayed,
+    method: str | None = None,
+    environment: Mapping[str, float] | None = None,
 ) -> tuple[Result, str]:
     """Return the result of replayed logs and its readings as CSV. Raises DataError that names every
     missing pass.
@@ -176,7 +193,8 @@ def solve_logs(
         with_tolerance(result, survey.tolerance.by_quantity()),
         findings=findings,
         sources=tuple(
-            Source(role="log", name=log.path.name, sha256=digest(log.path)) for log in replayed.logs
+            Source(role="log", name=log.path.name, sha256=digest(log.path))
+            for log in replayed.logs
         ),
         survey=_facts(replayed),
         conditions=_conditions(replayed, environment or {}, unmeasured),
@@ -185,7 +203,9 @@ def solve_logs(
     return described, render_readings(readings)
 
 
-def readings_of(replayed: Replayed, environment: Mapping[str, float] | None = None) -> Readings:
+def readings_of(
+    replayed: Replayed, environment: Mapping[str, float] | None = None
+) -> Readings:
     """Return the readings of replayed logs; ``environment`` holds conditions that replace the
     recorded ones.
     """
@@ -219,7 +239,9 @@ def _require_settled(replayed: Replayed, out: Path) -> None:
             doubts=tuple(each for each in still if each in suspects),
         ),
     )
-    command = f"stepdiag accept {shlex.quote(str(_folder(replayed)))} {still[0].place} --reason ..."
+    command = (
+        f"stepdiag accept {shlex.quote(str(_folder(replayed)))} {still[0].place} --reason ..."
+    )
     known = still[-1].names_the_cure
     remedy = (
         message("or-accept-by", command=command)
@@ -358,11 +380,19 @@ def _export_all(
             tables = tables_for(replayed.files, wanted.profile)
             control = controller_named(wanted.controller)
             profile = parse_profile(
-                _text(replayed, wanted.profile), wanted.profile, control, result.volume, tables
+                _text(replayed, wanted.profile),
+                wanted.profile,
+                control,
+                result.volume,
+                tables,
             )
             written.append(
                 export(
-                    result, wanted.controller, profile, out_dir=folder, today=survey_date(replayed)
+                    result,
+                    wanted.controller,
+                    profile,
+                    out_dir=folder,
+                    today=survey_date(replayed),
                 )
             )
         except (SafetyError, UsageError, DataError) as error:

@@ -27,7 +27,9 @@ def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
     """
     turns = _turns(survey.head)
     controls = [
-        CONTROLLERS[each.controller] for each in survey.exports if each.controller in CONTROLLERS
+        CONTROLLERS[each.controller]
+        for each in survey.exports
+        if each.controller in CONTROLLERS
     ]
     by_axis = bool(controls) and not any(
         isinstance(control, Multiplying) or control.name == LINUXCNC for control in controls
@@ -44,7 +46,9 @@ def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
         aim="tables" if by_axis else "lattice",
         zone=None if folder is None else _zone(survey, folder),
         dwells_s=tuple(
-            dwell_s for dwell_s in Circumstances().dwells_s if dwell_s >= least_dwell_s(survey)
+            dwell_s
+            for dwell_s in Circumstances().dwells_s
+            if dwell_s >= least_dwell_s(survey)
         ),
         in_step=tuple(
             n
@@ -65,7 +69,9 @@ def _turns(head: Head | None) -> tuple[str, ...]:
         return ()
     if head is None or not head.angular:
         return PITCH_AND_YAW
-    return tuple(f"E{turn[1]}{axis.upper()}" for axis in AXES for turn in head.angles.turns(axis))
+    return tuple(
+        f"E{turn[1]}{axis.upper()}" for axis in AXES for turn in head.angles.turns(axis)
+    )
 
 
 def _zone(survey: Survey, folder: Path) -> Zone | None:
@@ -119,16 +125,24 @@ def hidden_waves(survey: Survey) -> Iterator[Finding]:
         if axis not in shown
     }
     hidden = [
-        f"{axis} {step_mm:g} mm" for axis, step_mm in steps_mm.items() if in_step(step_mm, pitch_mm)
+        f"{axis} {step_mm:g} mm"
+        for axis, step_mm in steps_mm.items()
+        if in_step(step_mm, pitch_mm)
     ]
     if not hidden:
         return
     finer = range(volume.increments + 1, MOST_INCREMENTS + 1)
     better = next(
-        (n for n in finer if not any(in_step(edge_mm / n, pitch_mm) for edge_mm in volume.size_mm)),
+        (
+            n
+            for n in finer
+            if not any(in_step(edge_mm / n, pitch_mm) for edge_mm in volume.size_mm)
+        ),
         None,
     )
     if better is None:
         yield info("plan-hides.pitch", steps=hidden, pitch_mm=pitch_mm)
     else:
-        yield info("plan-hides.pitch-shown", steps=hidden, pitch_mm=pitch_mm, increments=better)
+        yield info(
+            "plan-hides.pitch-shown", steps=hidden, pitch_mm=pitch_mm, increments=better
+        )

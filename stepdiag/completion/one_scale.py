@@ -60,7 +60,9 @@ def one_scale(survey: Survey, result: Result) -> list[Finding]:
     likeliest = max(_statements(survey, result), key=gain)
     if gain(likeliest) <= -ALIKE:
         return []
-    shown = [f"{axis} {number:+.0f}" for axis, number in zip(scales, value.tolist(), strict=True)]
+    shown = [
+        f"{axis} {number:+.0f}" for axis, number in zip(scales, value.tolist(), strict=True)
+    ]
     run = next(
         (name for name in survey.plan.all_setups if name.startswith("linear")),
         survey.plan.all_setups[0],

@@ -61,7 +61,9 @@ class ProofFiles:
         return PurePath(os.path.relpath(path, self.survey.parent)).as_posix()
 
 
-def planned(given: ProofFiles, acting: Sequence[Path], minutes: float) -> tuple[ProofPlan, str]:
+def planned(
+    given: ProofFiles, acting: Sequence[Path], minutes: float
+) -> tuple[ProofPlan, str]:
     """Return the plan of a proof run for the files ``acting`` in the control, and its survey file.
 
     Raises the errors of `loaded_in` and `plan_proof`.
@@ -75,14 +77,19 @@ def planned(given: ProofFiles, acting: Sequence[Path], minutes: float) -> tuple[
         profile="" if given.profile is None else given.beside(given.profile),
     )
     active = [given.beside(path) for path in acting]
-    name, day = f"{survey.identity.name}-proof-{given.round.name}", datetime.now(tz=UTC).date()
+    name, day = (
+        f"{survey.identity.name}-proof-{given.round.name}",
+        datetime.now(tz=UTC).date(),
+    )
 
     def with_setups(setups: Sequence[str], repeats: int) -> str:
         plan = msgspec.structs.replace(
             survey.plan,
             setups=tuple(setups),
             repeats=repeats,
-            axis_orders=survey.plan.axis_orders[: None if survey.plan.alternate_orders else 1],
+            axis_orders=survey.plan.axis_orders[
+                : None if survey.plan.alternate_orders else 1
+            ],
             beam_offset=(),
         )
         return as_proof(
@@ -150,7 +157,9 @@ def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
     )
     return Loaded(
         result=result,
-        readings=parse_readings(as_text(files[named.readings], named.readings), named.readings),
+        readings=parse_readings(
+            as_text(files[named.readings], named.readings), named.readings
+        ),
         controller=control,
         profile=profile,
         files=tuple(
@@ -165,7 +174,9 @@ def proof_of(survey: Survey, files: Mapping[str, bytes], readings: Readings) -> 
     errors of `loaded_in`.
     """
     held = loaded_in(survey, files)
-    return None if held is None else prove(held.result, held.readings, readings, *held.tables())
+    return (
+        None if held is None else prove(held.result, held.readings, readings, *held.tables())
+    )
 
 
 def proof_findings(
@@ -215,7 +226,9 @@ def words_of(each: Proved) -> Message:
     )
 
 
-def sign_records(held: Loaded, proof: Proof, runs: bytes, day: date) -> Iterator[SignTestRecord]:
+def sign_records(
+    held: Loaded, proof: Proof, runs: bytes, day: date
+) -> Iterator[SignTestRecord]:
     """Yield the sense of each kind of table by a proof run, in the form of a profile; nothing if
     the tables do not stay.
     """

@@ -32,7 +32,9 @@ class Beside:
 
 def source_of(role: str, path: Path) -> Source:
     """Return a file with its SHA-256. Raises UsageError where it cannot be read."""
-    return Source(role=role, name=path.name, sha256=hashlib.sha256(read_bytes(path)).hexdigest())
+    return Source(
+        role=role, name=path.name, sha256=hashlib.sha256(read_bytes(path)).hexdigest()
+    )
 
 
 def solve_readings_file(
@@ -47,14 +49,18 @@ def solve_readings_file(
         "uncertainty": beside.uncertainty,
         "tolerance": beside.tolerance,
     }
-    named = {role: (read_text(file), file.name) for role, file in given.items() if file is not None}
+    named = {
+        role: (read_text(file), file.name) for role, file in given.items() if file is not None
+    }
     readings = in_mm(parse_readings(read_text(path), path.name), path.name)
     result = solve(
         readings if beside.add is None else beside.add(readings),
         chain=chain,
         method=method,
         angles=parse_angles(*named["angles"]) if "angles" in named else None,
-        straightness=parse_straightness(*named["straightness"]) if "straightness" in named else (),
+        straightness=parse_straightness(*named["straightness"])
+        if "straightness" in named
+        else (),
         assumed=parse_uncertainty(*named["uncertainty"]) if "uncertainty" in named else None,
         source=path.name,
         monte_carlo=monte_carlo,

@@ -9,7 +9,13 @@ from stepdiag.base.messages import Words, joined, message
 from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.result.basis import ASSUMED, Basis, basis_of, scales_in_words
 from stepdiag.base.result.interval import Interval, decimals_of, decimals_of_u
-from stepdiag.base.result.members import BETWEEN_TARGETS, NOT_MEASURED, READINGS, VOLUME, UnseenSlip
+from stepdiag.base.result.members import (
+    BETWEEN_TARGETS,
+    NOT_MEASURED,
+    READINGS,
+    VOLUME,
+    UnseenSlip,
+)
 from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.setups import setup_of
 from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
@@ -84,7 +90,9 @@ class Conclusion:
 def export_of(written: ExportReport) -> Export:
     """Return the tables and verdicts of an export that the conclusion needs."""
     kinds = tuple(dict.fromkeys(table.kind for table in written.tables))
-    untested = kinds if any(Path(name).stem.endswith(UNTESTED) for name in written.files) else ()
+    untested = (
+        kinds if any(Path(name).stem.endswith(UNTESTED) for name in written.files) else ()
+    )
     reach = None if written.prediction is None else reach_of(written.prediction.predicted)
     return Export(
         controller=written.controller,
@@ -175,7 +183,9 @@ def _wrong_sentence(one: Contribution) -> Sentence:
         case "scale":
             return Sentence(key=f"wrong_scale_{more}", arguments=numbers)
         case "straightness":
-            return Sentence(key="wrong_straightness", arguments={**numbers, "to": one.name[1]})
+            return Sentence(
+                key="wrong_straightness", arguments={**numbers, "to": one.name[1]}
+            )
         case _:
             return Sentence(key=f"wrong_{one.kind}", arguments=numbers)
 
@@ -225,7 +235,9 @@ def _unknown(result: Result) -> Iterator[Sentence]:
         yield Sentence(key="unknown_usual", arguments={})
     if standing:
         yield Sentence(key="unknown_standing", arguments={"axes": ", ".join(standing)})
-    angles = [name for name in ROTATIONS if name not in result.errors and name[2] not in standing]
+    angles = [
+        name for name in ROTATIONS if name not in result.errors and name[2] not in standing
+    ]
     if angles:
         yield Sentence(
             key="unknown_angles_all" if len(angles) == len(ROTATIONS) else "unknown_angles",
@@ -271,12 +283,16 @@ def _of_setups(passes: Iterable[str]) -> Words:
     numbers: dict[str, list[int]] = {}
     for setup, _, number in (one.partition("/") for one in passes):
         numbers.setdefault(setup, []).append(int(number))
-    return joined([message("passes-of", setup=one, passes=every) for one, every in numbers.items()])
+    return joined(
+        [message("passes-of", setup=one, passes=every) for one, every in numbers.items()]
+    )
 
 
 def _standing(result: Result) -> list[str]:
     return [
-        axis for axis, travels in zip("XYZ", result.volume.travelled, strict=True) if not travels
+        axis
+        for axis, travels in zip("XYZ", result.volume.travelled, strict=True)
+        if not travels
     ]
 
 
@@ -287,7 +303,9 @@ def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[
     if reach is None:
         yield Sentence(
             key="reach_axes_alone",
-            arguments={"axes": ", ".join(axis for axis in "XYZ" if axis not in _standing(result))},
+            arguments={
+                "axes": ", ".join(axis for axis in "XYZ" if axis not in _standing(result))
+            },
         )
         return
     yield _figure("before", reach.rms_before, reach.largest_before)
@@ -306,7 +324,9 @@ def _largest_share(result: Result) -> Iterator[Sentence]:
     """
     shares = {} if result.budget is None else result.budget.shares.get(VOLUME, {})
     square = {
-        knob: sum(shares.get(source, 0.0) ** 2 for source, its in KNOBS.items() if its == knob)
+        knob: sum(
+            shares.get(source, 0.0) ** 2 for source, its in KNOBS.items() if its == knob
+        )
         for knob in KNOBS.values()
     }
     knob = max(square, key=lambda one: square[one])
@@ -346,7 +366,8 @@ def _basis(found: Basis) -> Iterator[Sentence]:
             "other": scales_in_words(found.other),
         }
         yield Sentence(
-            key=f"basis_{found.tables}" + ("" if found.other else "_only"), arguments=arguments
+            key=f"basis_{found.tables}" + ("" if found.other else "_only"),
+            arguments=arguments,
         )
     if found.air:
         values = ", ".join(
@@ -369,14 +390,17 @@ def taken_for_granted(assumed: Mapping[str, float]) -> Sentence | None:
     sizes = {"growth_um_m": 0.0, **assumed}
     if not sizes.keys() >= set(ASSUMED):
         return None
-    return Sentence(key="basis_assumed", arguments={name: f"{sizes[name]:g}" for name in ASSUMED})
+    return Sentence(
+        key="basis_assumed", arguments={name: f"{sizes[name]:g}" for name in ASSUMED}
+    )
 
 
 def _figure(when: str, rms: Interval, largest: Interval) -> Sentence:
     low, high = rms.shown()
     if not low:
         return Sentence(
-            key=f"reach_{when}_unsure", arguments={"rms": rms.best(), "largest": largest.best()}
+            key=f"reach_{when}_unsure",
+            arguments={"rms": rms.best(), "largest": largest.best()},
         )
     arguments = {"low": low, "high": high, "largest": largest.shown()[1] or largest.best()}
     return Sentence(key=f"reach_{when}", arguments=arguments)

@@ -27,10 +27,16 @@ def conclusion_document(
     return {
         "format": FORMAT,
         "version": FORMAT_VERSION,
-        "wrong": [{**_contribution(one), **_words(sentence)} for one, sentence in conclusion.wrong],
+        "wrong": [
+            {**_contribution(one), **_words(sentence)} for one, sentence in conclusion.wrong
+        ],
         "unknown": [_words(one) for one in conclusion.unknown],
         "reached": [_words(one) for one in conclusion.reached],
-        **({"verdict": [_words(one) for one in conclusion.verdict]} if conclusion.verdict else {}),
+        **(
+            {"verdict": [_words(one) for one in conclusion.verdict]}
+            if conclusion.verdict
+            else {}
+        ),
         "basis": [_words(one) for one in conclusion.basis],
         "load": [_words(one) for one in conclusion.load],
         "next_step": [_words(conclusion.next_step)],
@@ -43,7 +49,9 @@ def conclusion_document(
 def conclusion_json(conclusion: Conclusion, field: Mapping[str, Any] | None = None) -> str:
     """Return the JSON of a conclusion."""
     return (
-        json.dumps(conclusion_document(conclusion, field), ensure_ascii=False, allow_nan=False)
+        json.dumps(
+            conclusion_document(conclusion, field), ensure_ascii=False, allow_nan=False
+        )
         + "\n"
     )
 
@@ -71,7 +79,10 @@ def conclusion_in(folder: Path) -> dict[str, Any] | None:
         document = json.loads((folder / CONCLUSION).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    known = isinstance(document, dict) and (document.get("format"), document.get("version")) == (
+    known = isinstance(document, dict) and (
+        document.get("format"),
+        document.get("version"),
+    ) == (
         FORMAT,
         FORMAT_VERSION,
     )

@@ -29,4 +29,6 @@ def render(sentence: Sentence, language: Language) -> str:
 
 
 def _argument(value: Words | Sentence, language: Language) -> str:
-    return render(value, language) if isinstance(value, Sentence) else rendered(value, language)
+    return (
+        render(value, language) if isinstance(value, Sentence) else rendered(value, language)
+    )

@@ -36,7 +36,10 @@ def judged_in(result: Result, exported: Reach | None = None) -> Conformity | Non
     ):
         return result.conformity
     after = FieldFigures(rms_um=exported.rms_after, largest_um=exported.largest_after)
-    if result.predicted is not None and after == result.predicted.without_rigid_motion["after"]:
+    if (
+        result.predicted is not None
+        and after == result.predicted.without_rigid_motion["after"]
+    ):
         return result.conformity  # no files: the ideal compensation
     return replace(result.conformity, predicted=judged_volume(result.tolerance or {}, after))
 
@@ -49,7 +52,8 @@ def verdict_sentences(found: Conformity | None) -> Iterator[Sentence]:
         if judged:
             verdict = together(one.verdict for one in judged)
             yield Sentence(
-                key=f"verdict_{state}", arguments={"verdict": Sentence(key=f"verdict_{verdict}")}
+                key=f"verdict_{state}",
+                arguments={"verdict": Sentence(key=f"verdict_{verdict}")},
             )
         yield from (_sentence(one) for one in judged)
 

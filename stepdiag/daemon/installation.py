@@ -44,7 +44,9 @@ PRIVATE_NETWORKS = ("link-local", "10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16
 """Networks from which a page that is open beyond this computer can be reached."""
 TOKEN_BYTES = 18
 """Random bytes of a token: 144 bits cannot be guessed."""
-WRITTEN = "# Written by `stepdiag service install`; lines of your own go into another drop-in.\n"
+WRITTEN = (
+    "# Written by `stepdiag service install`; lines of your own go into another drop-in.\n"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,9 @@ def plan_install(survey_file: Path, root: Path) -> list[Step]:
     """
     survey = load_survey(survey_file)
     name = name_of(survey_file, root)
-    steps = [step for source, place in SHARED.items() for step in shared_steps(source, place, root)]
+    steps = [
+        step for source, place in SHARED.items() for step in shared_steps(source, place, root)
+    ]
     token = survey_file.parent / survey.page.token_file
     if survey.page.token_file:
         steps.append(Step(token, "keep" if token.exists() else "make secret"))
@@ -83,7 +87,9 @@ def plan_removal(survey_file: Path, root: Path) -> list[Step]:
     name = name_of(survey_file, root)
     own = [root / _of(unit, name) for unit in (UNIT, PAGE, PAGE_SOCKET)]
     others = [
-        path for path in (root / UNITS).glob(f"stepdiag@*.service.d/{DROP_IN}") if path not in own
+        path
+        for path in (root / UNITS).glob(f"stepdiag@*.service.d/{DROP_IN}")
+        if path not in own
     ]
     places = [*own, *([] if others else [root / place for place in SHARED.values()])]
     return [Step(path, "remove") for path in places if path.exists()]
@@ -96,7 +102,9 @@ def carry_out(steps: list[Step]) -> None:
             _do(step)
         except OSError as error:
             raise UsageError(
-                str(step.path), expected=message("writable-as-root"), found=system_words(error)
+                str(step.path),
+                expected=message("writable-as-root"),
+                found=system_words(error),
             ) from error
 
 
@@ -227,7 +235,9 @@ def _devices(survey: Survey) -> Iterator[str]:
     if plc.transport in ("tcp", "s7", "lsv2"):
         yield plc.host
     instruments = [
-        each.port for each in (survey.laser, survey.head, survey.air_sensor) if each is not None
+        each.port
+        for each in (survey.laser, survey.head, survey.air_sensor)
+        if each is not None
     ]
     ports = [*instruments, plc.serial_port * (plc.transport == "rtu")]
     yield from (line.host for line in map(network_line, ports) if line is not None)
@@ -243,7 +253,9 @@ def _addresses(survey: Survey) -> Iterator[str]:
         (host,) = address_of("127.0.0.1" if each.host == "localhost" else each.host) or [""]
         if not host:
             raise UsageError(
-                "page.host, metrics.host", expected=message("own-address"), found=repr(each.host)
+                "page.host, metrics.host",
+                expected=message("own-address"),
+                found=repr(each.host),
             )
         yield f"ListenStream={f'[{host}]' if ':' in host else host}:{each.port}"
     if not all(is_loopback(each.host) for each in served):
@@ -252,12 +264,18 @@ def _addresses(survey: Survey) -> Iterator[str]:
 
 def _credentials(survey: Survey, folder: Path) -> Iterator[str]:
     page = survey.page
-    for name, file in ((TOKEN, page.token_file), (CERTIFICATE, page.certificate), (KEY, page.key)):
+    for name, file in (
+        (TOKEN, page.token_file),
+        (CERTIFICATE, page.certificate),
+        (KEY, page.key),
+    ):
         if not file:
             continue
         if not all(letter.isalnum() or letter in "._-/" for letter in file):
             raise UsageError(
-                message("file-for", name=name), expected=message("name-plain"), found=repr(file)
+                message("file-for", name=name),
+                expected=message("name-plain"),
+                found=repr(file),
             )
         yield f"LoadCredential={name}:{folder / file}"
 

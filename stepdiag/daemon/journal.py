@@ -33,7 +33,9 @@ def configure(*, verbose: bool = False) -> None:
         logger_factory=factory,  # type: ignore[arg-type]
         cache_logger_on_first_use=True,
     )
-    logging.basicConfig(level=logging.ERROR, stream=sys.stderr, format="%(name)s: %(message)s")
+    logging.basicConfig(
+        level=logging.ERROR, stream=sys.stderr, format="%(name)s: %(message)s"
+    )
 
 
 def _encode(event: object, **_: object) -> bytes:

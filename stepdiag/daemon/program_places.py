@@ -36,7 +36,9 @@ def places_of_program() -> list[Path]:
         Path(str(files("stepdiag"))).parent,
         *_homes_of(Path(sys.executable)),
     ]
-    every = sorted({place for each in found for place in (each, each.resolve()) if _is_own(place)})
+    every = sorted(
+        {place for each in found for place in (each, each.resolve()) if _is_own(place)}
+    )
     return [place for place in every if not set(place.parents) & set(every)]
 
 
@@ -78,7 +80,9 @@ def _homes_of(executable: Path) -> Iterator[Path]:
             yield executable.parent.parent
             return
         yield executable.parent
-        executable = Path(os.path.normpath(executable.parent.resolve() / executable.readlink()))
+        executable = Path(
+            os.path.normpath(executable.parent.resolve() / executable.readlink())
+        )
 
 
 def _assert_plain(place: Path) -> None:
@@ -115,7 +119,11 @@ def _assert_read_by_all(place: Path) -> None:
     closed = next(
         (
             each
-            for each in (place, *sorted(place.glob("bin")), *sorted(place.glob("bin/python*")))
+            for each in (
+                place,
+                *sorted(place.glob("bin")),
+                *sorted(place.glob("bin/python*")),
+            )
             if not _read_by_all(each)
         ),
         None,

@@ -52,7 +52,11 @@ class Publication:
     @property
     def who(self) -> tuple[str, str]:
         """Return the names of user and password, which go together."""
-        return ("mqtt-user", "mqtt-password") if self.broker else ("opcua-user", "opcua-password")
+        return (
+            ("mqtt-user", "mqtt-password")
+            if self.broker
+            else ("opcua-user", "opcua-password")
+        )
 
 
 def plan_publication(survey_file: Path, root: Path, publication: Publication) -> list[Step]:
@@ -88,11 +92,15 @@ def drop_in(name: str, folder: Path, publication: Publication) -> str:
     """
     host, port = _address(publication)
     lines = [f"Environment=PUBLISH={_words(publication)}", "IPAddressAllow="]
-    lines += [f"IPAddressAllow={each}" for each in ("localhost", *_reached(host, publication))]
+    lines += [
+        f"IPAddressAllow={each}" for each in ("localhost", *_reached(host, publication))
+    ]
     lines += [f"SocketBindAllow=tcp:{port}"] * bool(publication.opcua)
     there = credentials(name, folder, publication)
     lines += [
-        f"LoadCredential={each}:/{SURVEYS}/{name}.{each}" for each, found in there.items() if found
+        f"LoadCredential={each}:/{SURVEYS}/{name}.{each}"
+        for each, found in there.items()
+        if found
     ]
     return WRITTEN + "[Service]\n" + "".join(f"{line}\n" for line in lines)
 
@@ -117,7 +125,9 @@ def _words(publication: Publication) -> str:
     """Return the options in the form of the unit, between quotes."""
     files = {"ca": publication.ca, "certificate": publication.certificate}
     places = {
-        option: Path(os.path.normpath(path)) for option, path in files.items() if path is not None
+        option: Path(os.path.normpath(path))
+        for option, path in files.items()
+        if path is not None
     }
     given: dict[str, str | Path] = {
         "broker": publication.broker,
@@ -132,14 +142,18 @@ def _words(publication: Publication) -> str:
                 found=repr(str(value)),
             )
         if isinstance(value, Path) and Path("/etc") not in value.parents:
-            raise UsageError(f"--{option}", expected=message("file-below-etc"), found=str(value))
+            raise UsageError(
+                f"--{option}", expected=message("file-below-etc"), found=str(value)
+            )
     words = [f"--{option} {value}" for option, value in given.items() if value]
     return '"' + " ".join([*words, *["--plain"] * publication.plain]) + '"'
 
 
 def _address(publication: Publication) -> tuple[str, int]:
     option, text = (
-        ("--broker", publication.broker) if publication.broker else ("--opcua", publication.opcua)
+        ("--broker", publication.broker)
+        if publication.broker
+        else ("--opcua", publication.opcua)
     )
     return require_host_and_port(option, text, publication.port)
 
@@ -149,7 +163,9 @@ def _reached(host: str, publication: Publication) -> Iterator[str]:
     a server, its permitted clients.
     """
     if not is_loopback(host):
-        yield from PRIVATE_NETWORKS if publication.opcua else address_of(host) or PRIVATE_NETWORKS
+        yield from (
+            PRIVATE_NETWORKS if publication.opcua else address_of(host) or PRIVATE_NETWORKS
+        )
 
 
 def _drop_in(name: str) -> Path:

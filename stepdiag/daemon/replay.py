@@ -84,12 +84,16 @@ def replay_and_compare(
         "different": [],
         "missing": [],
     }
-    for name in names:  # the result is first, because the hashes of other files follow from it
+    for (
+        name
+    ) in names:  # the result is first, because the hashes of other files follow from it
         verdict = _verdict(
             live / name, (target / name).read_bytes(), rounded=bool(verdicts["rounded"])
         )
         verdicts[verdict].append(str(name))
-    return Compared(target, live, **{verdict: tuple(found) for verdict, found in verdicts.items()})
+    return Compared(
+        target, live, **{verdict: tuple(found) for verdict, found in verdicts.items()}
+    )
 
 
 def _verdict(other: Path, again: bytes, *, rounded: bool) -> str:

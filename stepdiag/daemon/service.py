@@ -48,7 +48,12 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
     again = (sys.executable, "-P", "-m", "stepdiag")  # not from the working directory
     ahead = (*again, "next", str(survey_file), "--note")
     asyncio.run(
-        serve(survey_file, completion=(*again, "complete"), archiving=(*again, "pack"), ahead=ahead)
+        serve(
+            survey_file,
+            completion=(*again, "complete"),
+            archiving=(*again, "pack"),
+            ahead=ahead,
+        )
     )
 
 
@@ -76,7 +81,9 @@ async def serve(
     page, metrics = daemon.survey.page, daemon.survey.metrics
     async with AsyncExitStack() as beside:
         if SOCKET in os.environ:
-            await beside.enter_async_context(_page_elsewhere(daemon, Path(os.environ[SOCKET])))
+            await beside.enter_async_context(
+                _page_elsewhere(daemon, Path(os.environ[SOCKET]))
+            )
         elif page.enabled or metrics.enabled:
             await beside.enter_async_context(_page_beside(daemon, survey_file))
         gc.freeze()
@@ -129,7 +136,10 @@ def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManage
     except KeyError:
         remedy = message("run-command", command="systemd-sysusers")
         raise UsageError(
-            PAGE_ACCOUNT, expected=message("account-of-page"), found=message("none"), remedy=remedy
+            PAGE_ACCOUNT,
+            expected=message("account-of-page"),
+            found=message("none"),
+            remedy=remedy,
         ) from None
     return page_served(path, account, daemon.status_source, daemon.status_source.figures)
 
@@ -149,7 +159,9 @@ async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[Non
     if listeners.page is not None:
         address = address_of(listeners.page, "https" if settings.certificate else "http")
         log.info(
-            "page", address=address, commands="with token" if settings.token else "none: read only"
+            "page",
+            address=address,
+            commands="with token" if settings.token else "none: read only",
         )
         if in_the_clear(page, settings):
             log.warning(
@@ -159,7 +171,9 @@ async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[Non
             )
     if listeners.metrics is not None:
         log.info("metrics", address=f"{address_of(listeners.metrics)}/metrics")
-    async with page_kept(daemon.status_source, settings, listeners, daemon.status_source.figures):
+    async with page_kept(
+        daemon.status_source, settings, listeners, daemon.status_source.figures
+    ):
         yield
 
 

@@ -14,7 +14,13 @@ from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.corrections import corrections_in, drives_otherwise, text_of
-from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, noted_round, round_folders
+from stepdiag.daq.recording.rounds import (
+    Noted,
+    is_recording,
+    noted_in,
+    noted_round,
+    round_folders,
+)
 from stepdiag.daq.recording.verdicts import Verdicts, verdicts_in
 from stepdiag.daq.records.status import AheadStatus, DriveStatus, FindingStatus, SetupStatus
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
@@ -123,7 +129,9 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
         raise DataError(
             str(last),
             expected=message("one-readable-log"),
-            found=joined([message("labelled", name=log.name, what=log.trouble) for log in logs]),
+            found=joined(
+                [message("labelled", name=log.name, what=log.trouble) for log in logs]
+            ),
         )
     book = PassBook(known)
     verdicts = verdicts_in(last) if last is not None else Verdicts()

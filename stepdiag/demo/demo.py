@@ -66,7 +66,9 @@ class Promise:
     def kept(self) -> bool:
         """Whether the true value is inside; never without a stated uncertainty of the result."""
         low_um, high_um = self.stated.low_um, self.stated.high_um
-        return low_um is not None and high_um is not None and low_um <= self.true_um <= high_um
+        return (
+            low_um is not None and high_um is not None and low_um <= self.true_um <= high_um
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,7 +182,9 @@ def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figur
     )
 
 
-def _diagonal_range_um(error_at: Callable[[Vector], Vector], start: Vector, end: Vector) -> float:
+def _diagonal_range_um(
+    error_at: Callable[[Vector], Vector], start: Vector, end: Vector
+) -> float:
     """Return the range of the deviation along a line, as a laser with a retroreflector would
     measure it.
     """
@@ -230,7 +234,9 @@ def _survey(hall: Talker, survey: Path, recording: Talker, progress: Progress) -
         if event["event"] == "stop":
             seen.add((event["setup"], event["outward"], event["stop"]))
             progress(
-                message("demo-out" if event["outward"] else "demo-back", setup=event["setup"]),
+                message(
+                    "demo-out" if event["outward"] else "demo-back", setup=event["setup"]
+                ),
                 len(seen),
                 total,
             )

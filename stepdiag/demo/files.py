@@ -163,7 +163,10 @@ reference_point = 81
 
 
 _FOURS = [
-    first + 10 * one + point for first in (5731, 5761) for one in range(3) for point in range(4)
+    first + 10 * one + point
+    for first in (5731, 5761)
+    for one in range(3)
+    for point in range(4)
 ]
 _STRAIGHTNESS = sorted([*range(5711, 5714), *range(5721, 5724), *_FOURS])
 """The parameters of straightness compensation, for the virtual control only."""
@@ -229,7 +232,10 @@ def write_angles(folder: Path, bench: Path, seed: int) -> None:
     """Write the angles file of an autocollimator that measured every axis at the stops, with the
     uncertainty `U_ANGLE_URAD`.
     """
-    truth, rng = build_machine(read_config(bench)).truth(INCREMENTS), np.random.default_rng(seed)
+    truth, rng = (
+        build_machine(read_config(bench)).truth(INCREMENTS),
+        np.random.default_rng(seed),
+    )
     rows = ["axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad"]
     for letter in "XYZ":
         seen = [
@@ -257,12 +263,16 @@ def write_profiles(folder: Path) -> None:
     _write_new(folder / "fanuc.toml", fanuc_profile())
 
 
-def siemens_profile(*, functions: str = "", products: bool = False, held: int | None = None) -> str:
+def siemens_profile(
+    *, functions: str = "", products: bool = False, held: int | None = None
+) -> str:
     """Return the profile of a SINUMERIK: nine tables, or those of ``functions``, with products
     within ``held`` CEC tables.
     """
     chosen = f"functions = {functions}" if functions else ""
-    section = "\n[siemens]\nmeasuring_system = 1\n" + ("products = true\n" if products else "")
+    section = "\n[siemens]\nmeasuring_system = 1\n" + (
+        "products = true\n" if products else ""
+    )
     section += "" if held is None else f"cec_tables_held = {held}\n"
     return (
         _MACHINE.format(controller="siemens", existing=chosen)
@@ -278,7 +288,9 @@ def fanuc_profile(*, straightness: bool = False) -> str:
     own = 'existing = ["PITCH.TXT", "CNCPARAM.TXT"]'
     unit = "detection_unit_um = 1.0"
     section = (
-        _FANUC.replace(unit, f"{unit}\nstraightness_option = true") if straightness else _FANUC
+        _FANUC.replace(unit, f"{unit}\nstraightness_option = true")
+        if straightness
+        else _FANUC
     )
     return (
         _MACHINE.format(controller="fanuc", existing=own)
@@ -336,7 +348,9 @@ def _parameters() -> list[str]:
 
 
 def _punch(lines: list[str]) -> bytes:
-    return EOB.join(line.encode("ascii") for line in ("%", "(CNCID=VIRTUAL)", *lines, "%")) + EOB
+    return (
+        EOB.join(line.encode("ascii") for line in ("%", "(CNCID=VIRTUAL)", *lines, "%")) + EOB
+    )
 
 
 def _quoted() -> str:

@@ -75,7 +75,11 @@ KEYS = {
     ),
     "s": Key(does=message("key-skip"), kind="stop-skipped", placed=True),
     "r": Key(
-        does=message("key-abort"), kind="program-aborted", value=5.0, duration_s=6.0, placed=True
+        does=message("key-abort"),
+        kind="program-aborted",
+        value=5.0,
+        duration_s=6.0,
+        placed=True,
     ),
 }
 
@@ -114,7 +118,9 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
         )
         with daemon(survey) as recording:
             person.opened(recording.ready["address"], token)
-            if _watched(hall, recording, Operator(hall, survey, wait_s=LOOK_AT_PAGE_S), person):
+            if _watched(
+                hall, recording, Operator(hall, survey, wait_s=LOOK_AT_PAGE_S), person
+            ):
                 while person.pressed() != END:
                     time.sleep(LOOK_S)
 

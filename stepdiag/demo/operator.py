@@ -85,7 +85,8 @@ class Operator:
             standing = standing_of(self._survey)
             if standing.next_setup:
                 self._drive_again(
-                    standing.next_setup, "; ".join(str(doubt.words) for doubt in standing.doubts)
+                    standing.next_setup,
+                    "; ".join(str(doubt.words) for doubt in standing.doubts),
                 )
 
     def _drive_again(self, setup: str, why: str) -> None:

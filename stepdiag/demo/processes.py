@@ -34,7 +34,9 @@ def ended_in_order() -> Iterator[None]:
 
     def leave(number: int, _frame: object) -> None:
         for each in before:
-            signal.signal(each, signal.SIG_IGN)  # a second order would cut off what the first ends
+            signal.signal(
+                each, signal.SIG_IGN
+            )  # a second order would cut off what the first ends
         sys.exit(128 + number)
 
     before = {each: signal.signal(each, leave) for each in (signal.SIGTERM, signal.SIGHUP)}

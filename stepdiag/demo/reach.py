@@ -20,7 +20,13 @@ from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.virtual.control.compensation import Control
 
-ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large", "profile-assumed")
+ACCEPTED = (
+    "value-large",
+    "slope-steep",
+    "travel-not-covered",
+    "change-large",
+    "profile-assumed",
+)
 """Warnings of a first export on a machine as inaccurate as the demo's."""
 
 
@@ -40,13 +46,23 @@ FORMS = (
         control="siemens",
         profile=siemens_profile(functions='["EXX", "EYY", "EZZ"]'),
     ),
-    Form(name=message("form-fanuc"), control="fanuc", profile=fanuc_profile(straightness=True)),
     Form(
-        name=message("form-828d"), control="siemens", profile=siemens_profile(products=True, held=8)
+        name=message("form-fanuc"), control="fanuc", profile=fanuc_profile(straightness=True)
     ),
-    Form(name=message("form-840d"), control="siemens", profile=siemens_profile(products=True)),
+    Form(
+        name=message("form-828d"),
+        control="siemens",
+        profile=siemens_profile(products=True, held=8),
+    ),
+    Form(
+        name=message("form-840d"), control="siemens", profile=siemens_profile(products=True)
+    ),
     Form(name=message("form-beckhoff"), control="beckhoff", profile=beckhoff_profile("FXYZ")),
-    Form(name=message("form-heidenhain"), control="heidenhain", profile=heidenhain_profile("FXYZ")),
+    Form(
+        name=message("form-heidenhain"),
+        control="heidenhain",
+        profile=heidenhain_profile("FXYZ"),
+    ),
     Form(name=WHOLE_FIELD, control="linuxcnc", profile=linuxcnc_profile()),
 )
 
@@ -66,5 +82,6 @@ def exported(folder: Path, result: Result) -> Iterator[tuple[Form, Sequence[Path
 
 def _acts(name: str) -> bool:
     return "_RESTORE" not in name and (
-        name.endswith((".INI", ".TXT", ".csv", ".COM")) or name.startswith("kinematics_comp_lines")
+        name.endswith((".INI", ".TXT", ".csv", ".COM"))
+        or name.startswith("kinematics_comp_lines")
     )

@@ -19,7 +19,14 @@ from stepdiag.daq.recording.archive import digest, pack
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import INDEX, Place, Store, manifest_of, sealed, sha256
-from stepdiag.fleet.tables import PLACE, index_of, read_index, read_table, table_of, to_parquet
+from stepdiag.fleet.tables import (
+    PLACE,
+    index_of,
+    read_index,
+    read_table,
+    table_of,
+    to_parquet,
+)
 
 MOST_LOOSE = 50
 """Largest number of tables beside the index before the index is rebuilt: each costs a query about a
@@ -107,7 +114,9 @@ def add(folder: Path, store: Store) -> Added:
         size = 0
         for path, data in files():
             there = store.write_checked(
-                f"{place.folder}/{path}", data, _content_of if path.endswith(".mcap") else sha256
+                f"{place.folder}/{path}",
+                data,
+                _content_of if path.endswith(".mcap") else sha256,
             )
             hashes[path] = sha256(there)
             size += len(there)
@@ -151,7 +160,11 @@ def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
     kept = (
         []
         if known is None
-        else [known.filter(pc.invert(pc.is_in(known[PLACE], pa.array(sorted(gone), pa.string()))))]
+        else [
+            known.filter(
+                pc.invert(pc.is_in(known[PLACE], pa.array(sorted(gone), pa.string())))
+            )
+        ]
     )
     table = pa.concat_tables([*kept, points]).unify_dictionaries()
     store.write(INDEX, sealed(to_parquet(table)))
@@ -204,7 +217,9 @@ class _Files:
                 yield path.relative_to(self._folder).as_posix(), path.read_bytes()
 
 
-def _packed_copy(folder: Path, copy: Path, logs: Sequence[Path], *, pack_logs: bool) -> _Files:
+def _packed_copy(
+    folder: Path, copy: Path, logs: Sequence[Path], *, pack_logs: bool
+) -> _Files:
     """Copy the files that belong to a survey: its own files, without links and hidden files, and
     its whole logs, packed.
     """

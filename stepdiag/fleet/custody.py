@@ -72,7 +72,9 @@ def verify_in_store(certificate: Path, address: str) -> Verified:
     """
     root, store = parsed(read_bytes(certificate), certificate.name), Store(address)
     links = custody_of(root)
-    logs = [[sha for role, _, sha in links if role == LOG + suffix] for suffix in ("", AS_LEFT)]
+    logs = [
+        [sha for role, _, sha in links if role == LOG + suffix] for suffix in ("", AS_LEFT)
+    ]
     surveys = {name_of_logs(each) for each in logs if each}
     with tempfile.TemporaryDirectory() as scratch:
         try:
@@ -106,7 +108,9 @@ def _fetched(store: Store, place: Place, folder: Path) -> pa.Table:
         for name, expected in (files or {RESULT: sha256(result)}).items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             if store.copied(f"{place.folder}/{name}", folder / name) != expected:
-                raise BrokenLinkError(message("custody-stored", name=f"{place.folder}/{name}"))
+                raise BrokenLinkError(
+                    message("custody-stored", name=f"{place.folder}/{name}")
+                )
         if (
             not place.software
             and name_of_logs([digest(log) for log in folder.glob("*.mcap")]) != place.survey
@@ -151,7 +155,9 @@ def _require_index(store: Store, tables: Mapping[str, pa.Table]) -> None:
             read_index(store, len(everything)),
             unsealed(store.read(INDEX, largest=LARGEST_BYTES), INDEX),
         )
-        if not set(index[PLACE].unique().to_pylist()) <= {place.folder for place in everything}:
+        if not set(index[PLACE].unique().to_pylist()) <= {
+            place.folder for place in everything
+        }:
             raise BrokenLinkError(message("custody-table", table=INDEX))
         for folder, table in tables.items():
             found = index.filter(pc.equal(index[PLACE].cast(pa.string()), folder)).to_pylist()

@@ -45,7 +45,9 @@ def history_in(store: Store, now: datetime, machine: str = "", software: str = "
     """
     places = store.tables()
     wanted = [
-        place for place in places if place.software == software and machine in ("", place.machine)
+        place
+        for place in places
+        if place.software == software and machine in ("", place.machine)
     ]
     if not wanted:
         what = message("surveys-of", machine=machine or "*", software=software or "*")
@@ -80,7 +82,9 @@ def _wanted_rows(
             chosen = np.array([name in folders for name in names], dtype=bool)
             held = folders & set(names)
             parts.append(
-                index if chosen.all() else index.filter(pa.array(chosen[codes.indices.to_numpy()]))
+                index
+                if chosen.all()
+                else index.filter(pa.array(chosen[codes.indices.to_numpy()]))
             )
     loose = []
     for place in wanted:
@@ -90,7 +94,10 @@ def _wanted_rows(
             except DataError as error:
                 left_out.append(
                     LeftOut(
-                        machine=place.machine, name=place.table, why=error.message, damaged=True
+                        machine=place.machine,
+                        name=place.table,
+                        why=error.message,
+                        damaged=True,
                     )
                 )
     parts += [index_of(loose)] if loose or not parts else []
@@ -122,7 +129,8 @@ class _Columns:
         ).astype(float)
         self.common = table["common"].to_numpy().astype(float)
         self.lists = {
-            name: _flat(table[name].combine_chunks()) for name in ("positions", "values", "us")
+            name: _flat(table[name].combine_chunks())
+            for name in ("positions", "values", "us")
         }
         self.stated = cache(lambda code: stated(self.words["conditions"][code]))
 
@@ -162,7 +170,9 @@ def _flat(column: pa.ListArray) -> tuple[NDArray[np.float32], NDArray[np.int64]]
 def history_of(table: pa.Table, now: datetime) -> History:
     """Return the series of a table of `INDEX_SCHEMA`, and the quantities left out."""
     columns = _Columns(table)
-    rank = {name: np.argsort(np.argsort(columns.words[name])) for name in ("machine", "quantity")}
+    rank = {
+        name: np.argsort(np.argsort(columns.words[name])) for name in ("machine", "quantity")
+    }
     machine, quantity = (rank[name][columns.codes[name]] for name in ("machine", "quantity"))
     order = np.lexsort((columns.codes[PLACE], columns.times, quantity, machine))
     series: list[Series] = []
@@ -260,7 +270,8 @@ def _at_common_nodes(
     """
     coarsest = min(positions, key=len)
     low, high = (
-        pick(each[end] for each in positions if len(each)) for pick, end in ((max, 0), (min, -1))
+        pick(each[end] for each in positions if len(each))
+        for pick, end in ((max, 0), (min, -1))
     )
     nodes = coarsest[(coarsest >= low - ALMOST_MM) & (coarsest <= high + ALMOST_MM)]
     if len(nodes) < 2:
@@ -269,9 +280,12 @@ def _at_common_nodes(
     at = np.stack(
         [np.interp(nodes, each, value) for each, value in zip(positions, values, strict=True)]
     )
-    u = np.stack([np.interp(nodes, each, value) for each, value in zip(positions, us, strict=True)])
+    u = np.stack(
+        [np.interp(nodes, each, value) for each, value in zip(positions, us, strict=True)]
+    )
     same_ends = all(
-        np.allclose(each[[0, -1]], positions[0][[0, -1]], atol=ALMOST_MM) for each in positions
+        np.allclose(each[[0, -1]], positions[0][[0, -1]], atol=ALMOST_MM)
+        for each in positions
     )
     if not same_ends:
         along = (nodes - nodes[0]) / (nodes[-1] - nodes[0])

@@ -103,7 +103,8 @@ def create_app(
 
     def sheet(request: Request) -> Response:
         asked = next(
-            (each for each in LANGUAGES if each == request.query_params.get("language")), language
+            (each for each in LANGUAGES if each == request.query_params.get("language")),
+            language,
         )
         return HTMLResponse(sheets.sheet(asked))
 
@@ -114,7 +115,9 @@ def create_app(
             Route(
                 "/trend.csv",
                 answering(
-                    lambda _: PlainTextResponse(as_csv(sheets.found()[0]), media_type="text/csv")
+                    lambda _: PlainTextResponse(
+                        as_csv(sheets.found()[0]), media_type="text/csv"
+                    )
                 ),
             ),
         ]

@@ -63,7 +63,9 @@ def fleet_html(
     )
 
 
-def _left_out(left_out: Sequence[LeftOut], words: Mapping[str, str], language: Language) -> str:
+def _left_out(
+    left_out: Sequence[LeftOut], words: Mapping[str, str], language: Language
+) -> str:
     """Return the surveys that are in no series, with the reason."""
     if not left_out:
         return ""
@@ -122,10 +124,14 @@ def _picture_lines(trend: Trend, words: Mapping[str, str], language: Language) -
     many = trend.verdict != "unchanged" and (
         trend.verdict == "changed" or len(trend.series.surveys) > 1
     )
-    found = [f"{name}: {rendered(each, language)}" for each in statements(trend)] if many else []
+    found = (
+        [f"{name}: {rendered(each, language)}" for each in statements(trend)] if many else []
+    )
     if trend.conformity is not None:
         found.append(
-            localised(f"{name}: {words[trend.conformity]} {trend.tolerance:g} {unit}", language)
+            localised(
+                f"{name}: {words[trend.conformity]} {trend.tolerance:g} {unit}", language
+            )
         )
     if trend.outside == "yes" or already_perhaps(trend):
         return found
@@ -141,7 +147,10 @@ def _picture_lines(trend: Trend, words: Mapping[str, str], language: Language) -
 
 
 def _chart(
-    trend: Trend, span: tuple[datetime, datetime], words: Mapping[str, str], language: Language
+    trend: Trend,
+    span: tuple[datetime, datetime],
+    words: Mapping[str, str],
+    language: Language,
 ) -> str:
     points = trend.series.points
     low, high = _range(points, trend.tolerance)
@@ -156,14 +165,17 @@ def _chart(
     def rule(y_px: float, kind: str) -> str:
         return svg.element("line", x1=LEFT, x2=WIDTH - RIGHT, y1=y_px, y2=y_px, class_=kind)
 
-    bands = [(x(point.time), *map(y, _band(point))) for point in points if point.u is not None]
+    bands = [
+        (x(point.time), *map(y, _band(point))) for point in points if point.u is not None
+    ]
     marks = [
         svg.element("line", x1=at, x2=at, y1=low_y, y2=high_y, class_="band")
         for at, low_y, high_y in bands
     ]
     begun = [x(points[step.at].time) for step in trend.steps]
     steps = [
-        svg.element("line", x1=at, x2=at, y1=TOP, y2=HEIGHT - BOTTOM, class_="step") for at in begun
+        svg.element("line", x1=at, x2=at, y1=TOP, y2=HEIGHT - BOTTOM, class_="step")
+        for at in begun
     ]
     dots = [
         svg.element("circle", cx=x(point.time), cy=y(point.value), r=1.8, class_="dot")
@@ -192,7 +204,8 @@ def _chart(
         svg.text(f"{span[1].date()}", WIDTH - RIGHT, HEIGHT - 4, text_anchor="end"),
     ]
     edges = [
-        svg.text(f"{value:.3g}", LEFT - 4, y(value) + 3, text_anchor="end") for value in (low, high)
+        svg.text(f"{value:.3g}", LEFT - 4, y(value) + 3, text_anchor="end")
+        for value in (low, high)
     ]
     label = (
         f"{trend.series.machine}: {trend.series.quantity} / {UNITS[trend.series.unit]}, "

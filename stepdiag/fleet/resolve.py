@@ -81,7 +81,9 @@ class Solved:
 def open_surveys(store: Store, machine: str = "") -> list[Place]:
     """Return the archived surveys that this version of the software has not solved yet."""
     known = store.tables()
-    done = {(each.machine, each.survey) for each in known if each.software == software().version}
+    done = {
+        (each.machine, each.survey) for each in known if each.software == software().version
+    }
     archived = (each for each in known if not each.software and machine in ("", each.machine))
     return [each for each in archived if (each.machine, each.survey) not in done]
 
@@ -139,7 +141,12 @@ def resolve(
             for each in islice(waiting, count):
                 futures.append(
                     client.submit(
-                        solve_anew, store.address, tuple(each), survey, retries=RETRIES, pure=False
+                        solve_anew,
+                        store.address,
+                        tuple(each),
+                        survey,
+                        retries=RETRIES,
+                        pure=False,
                     )
                 )
                 asked[futures[-1].key] = each
@@ -165,7 +172,8 @@ def _solved_here(
     with ThreadPoolExecutor(workers) as threads:
         try:
             tasks = [
-                threads.submit(_in_a_lane, lanes, store.address, place, survey) for place in places
+                threads.submit(_in_a_lane, lanes, store.address, place, survey)
+                for place in places
             ]
             yield from (each.result() for each in completed(tasks))
         finally:
@@ -174,7 +182,9 @@ def _solved_here(
                 lanes.get().close()
 
 
-def _in_a_lane(lanes: "SimpleQueue[_Lane]", address: str, place: Place, survey: str) -> Solved:
+def _in_a_lane(
+    lanes: "SimpleQueue[_Lane]", address: str, place: Place, survey: str
+) -> Solved:
     lane = lanes.get()
     try:
         return lane.solve(address, place, survey)
@@ -235,7 +245,9 @@ def _outcome(future: Any, place: Place) -> Solved:
     return solved
 
 
-def solve_anew(address: str, at: tuple[str, str, str, str] | Place, survey: str = "") -> Solved:
+def solve_anew(
+    address: str, at: tuple[str, str, str, str] | Place, survey: str = ""
+) -> Solved:
     """Solve a survey of a store again and write the differences beside it; a failure is reported,
     not raised.
     """
@@ -245,7 +257,9 @@ def solve_anew(address: str, at: tuple[str, str, str, str] | Place, survey: str 
         try:
             folder = _fetched(store, place, Path(scratch) / "survey")
             logs = logs_in(folder)
-            instead = _stand_in(logs[0], survey, place.machine, Path(scratch)) if survey else None
+            instead = (
+                _stand_in(logs[0], survey, place.machine, Path(scratch)) if survey else None
+            )
             complete(logs, Path(scratch) / "out", instead)
             text = (Path(scratch) / "out" / RESULT).read_text(encoding="utf-8")
             old = (folder / RESULT).read_text(encoding="utf-8")

@@ -88,13 +88,20 @@ def rows_of(result: Result) -> Iterator[Row]:
     error."""
 
     def common(name: str, u: float | None) -> float | None:
-        return None if u is None else u * common_share(result.budget, name, same_instruments=True)
+        return (
+            None
+            if u is None
+            else u * common_share(result.budget, name, same_instruments=True)
+        )
 
     for name, function in result.errors.items():
         if function.value is None:
             continue
         values = zip(
-            function.position_mm.tolist(), function.value.tolist(), _listed(function), strict=True
+            function.position_mm.tolist(),
+            function.value.tolist(),
+            _listed(function),
+            strict=True,
         )
         for at, value, u in values:
             yield Row(
@@ -156,7 +163,11 @@ def _u_um(interval: Interval) -> float | None:
 
 
 def _time(facts: Facts, source: str) -> datetime:
-    for text, form in ((facts.ended, _MOMENT), (facts.begun, _MOMENT), (facts.date, "%Y-%m-%d")):
+    for text, form in (
+        (facts.ended, _MOMENT),
+        (facts.begun, _MOMENT),
+        (facts.date, "%Y-%m-%d"),
+    ):
         try:
             return datetime.strptime(text, form).replace(tzinfo=UTC)
         except ValueError:

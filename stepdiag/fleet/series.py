@@ -159,7 +159,9 @@ def parted(
     while kept:
         newest = next(reversed(kept.values()))
         alike = {
-            key: each for key, each in kept.items() if apart(newest.standing, each.standing) is None
+            key: each
+            for key, each in kept.items()
+            if apart(newest.standing, each.standing) is None
         }
         main = next(iter(groups[0][0].values())).standing if groups else None
         groups.append((alike, None if main is None else apart(main, newest.standing)))
@@ -188,7 +190,9 @@ def by_volume(series: Series) -> Iterator[Series]:
     newest = series.surveys[-1].standing
     while left:
         last = series.surveys[left[-1]].standing
-        alike = [number for number in left if _volume_alike(series.surveys[number].standing, last)]
+        alike = [
+            number for number in left if _volume_alike(series.surveys[number].standing, last)
+        ]
         other = series.other if last is newest else message("differs-volume")
         yield (
             series

@@ -141,7 +141,9 @@ class Store:
         self.root = str(root).rstrip("/")
         self.is_local = isinstance(self._files, LocalFileSystem)
         if create and not self.exists(MARK):
-            self.write(MARK, json.dumps({"format": FORMAT, "version": VERSION}).encode() + b"\n")
+            self.write(
+                MARK, json.dumps({"format": FORMAT, "version": VERSION}).encode() + b"\n"
+            )
         self._require_known()
 
     def path(self, name: str) -> str:
@@ -184,7 +186,9 @@ class Store:
                 if size > LARGEST_FILE_BYTES:
                     raise DataError(
                         f"{self.address}: {name}",
-                        expected=message("file-of-at-most", name=name, most=LARGEST_FILE_BYTES),
+                        expected=message(
+                            "file-of-at-most", name=name, most=LARGEST_FILE_BYTES
+                        ),
                         found=message("found-more"),
                     )
         return found.hexdigest()
@@ -196,7 +200,9 @@ class Store:
         target = self.path(name)
         with refusing(name):
             if not self.is_local:
-                self._files.pipe_file(target, data)  # an object appears only when it is complete
+                self._files.pipe_file(
+                    target, data
+                )  # an object appears only when it is complete
                 return
             Path(target).parent.mkdir(parents=True, exist_ok=True)
             with part_of(Path(target)) as folder:
@@ -260,7 +266,9 @@ class Store:
         try:
             return json.loads(data)
         except (ValueError, RecursionError) as error:
-            raise DataError(f"{self.address}: {name}", expected="JSON", found=str(error)) from error
+            raise DataError(
+                f"{self.address}: {name}", expected="JSON", found=str(error)
+            ) from error
 
     def listed(self, place: Place) -> Listed:
         """Return the hashes of a survey's files and table. A survey solved again by an older
@@ -282,7 +290,9 @@ class Store:
             and all(map(_is_hash, (*files.values(), table or "0" * 64)))
         ):
             known = Listed(files, table)
-            if self.read(place.listed, largest=LARGEST_JSON_BYTES) == manifest_of(place, *known):
+            if self.read(place.listed, largest=LARGEST_JSON_BYTES) == manifest_of(
+                place, *known
+            ):
                 return known
         raise DataError(
             f"{self.address}: {place.listed}",
@@ -297,13 +307,17 @@ class Store:
                 self.address,
                 expected=message("a-store", name=MARK),
                 found=message("none"),
-                remedy=message("command-writes", command="stepdiag archive add DIR --to STORE"),
+                remedy=message(
+                    "command-writes", command="stepdiag archive add DIR --to STORE"
+                ),
             )
         mark = self.json(MARK)
         version = mark.get("version") if isinstance(mark, dict) else None
         if not isinstance(mark, dict) or mark.get("format") != FORMAT or version != VERSION:
             remedy = (
-                message("newer-reads") if isinstance(version, int) and version > VERSION else ""
+                message("newer-reads")
+                if isinstance(version, int) and version > VERSION
+                else ""
             )
             raise UsageError(
                 f"{self.address}: {MARK}",
@@ -328,7 +342,9 @@ def refusing(name: str) -> Iterator[None]:
             or str(error)
             or type(error).__name__
         )
-        raise UsageError(name, expected=message("readable-and-writable"), found=why) from error
+        raise UsageError(
+            name, expected=message("readable-and-writable"), found=why
+        ) from error
 
 
 def _is_hash(text: object) -> bool:
@@ -372,7 +388,9 @@ def _publish(part: Path, target: Path, *, anew: bool) -> None:
             target.hardlink_to(part)
         except FileExistsError:
             return
-        except OSError:  # a share without links; the present contents are read back and compared
+        except (
+            OSError
+        ):  # a share without links; the present contents are read back and compared
             pass
         else:
             return

@@ -61,7 +61,16 @@ INDEX_SCHEMA = pa.schema(
     [
         *(
             SCHEMA.field(name)
-            for name in ("machine", "quantity", "unit", *_OF_SURVEY, "value", "u", "low", "high")
+            for name in (
+                "machine",
+                "quantity",
+                "unit",
+                *_OF_SURVEY,
+                "value",
+                "u",
+                "low",
+                "high",
+            )
         ),
         ("common", pa.float32()),
         ("positions", _LIST),
@@ -86,7 +95,8 @@ numbers each.
 """
 _REQUIRED = [field.name for field in SCHEMA if field.type == _WORD] + [PLACE, "time", "value"]
 _EARLIEST, _LATEST = (
-    pa.scalar(datetime(year, 1, 1, tzinfo=UTC), pa.timestamp("us", tz="UTC")) for year in (1, 9999)
+    pa.scalar(datetime(year, 1, 1, tzinfo=UTC), pa.timestamp("us", tz="UTC"))
+    for year in (1, 9999)
 )
 _REMEDY = message("remove-table")
 
@@ -104,7 +114,8 @@ def index_of(tables: Sequence[tuple[pa.Table, str]]) -> pa.Table:
     """
     found = [row for table, folder in tables for row in _quantities(table, folder)]
     return pa.table(
-        {name: [row[name] for row in found] for name in INDEX_SCHEMA.names}, schema=INDEX_SCHEMA
+        {name: [row[name] for row in found] for name in INDEX_SCHEMA.names},
+        schema=INDEX_SCHEMA,
     )
 
 
@@ -118,7 +129,9 @@ def _quantities(table: pa.Table, folder: str) -> Iterator[dict[str, object]]:
         first = rows[0]
         values, us = ([columns[name][at] for at in rows] for name in ("value", "u"))
         shared = {name: columns[name][first] for name in ("machine", "unit", *_OF_SURVEY)}
-        known = [(columns["u_common"][at] or 0.0) / u for at, u in zip(rows, us, strict=True) if u]
+        known = [
+            (columns["u_common"][at] or 0.0) / u for at, u in zip(rows, us, strict=True) if u
+        ]
         function = columns["position_mm"][first] is not None
         value, u = _shown(values, us) if function else (values[0], us[0])
         yield shared | {
@@ -169,7 +182,9 @@ def result_named(data: bytes) -> str:
     damaged table.
     """
     with _damage_named("parquet"):
-        return _known(pq.read_metadata(pa.BufferReader(data))).get(_RESULT, b"").decode("ascii")
+        return (
+            _known(pq.read_metadata(pa.BufferReader(data))).get(_RESULT, b"").decode("ascii")
+        )
 
 
 def written_by_another(data: bytes) -> bool:
@@ -208,7 +223,9 @@ def _rows_in(store: Store, place: Place, stated: str) -> pa.Table:
     rows = from_parquet(data, place.table, SCHEMA, MOST_ROWS, LARGEST_BYTES)
     if not stated:
         result = store.read(f"{place.folder}/{RESULT}")
-        if rows.to_pylist() != rows_from(result, place).to_pylist() or result_named(data) not in (
+        if rows.to_pylist() != rows_from(result, place).to_pylist() or result_named(
+            data
+        ) not in (
             sha256(result),
             "",
         ):
@@ -281,7 +298,9 @@ def _require_ours(metadata: pq.FileMetaData, name: str, schema: pa.Schema) -> No
     )
     if marked not in (VERSION, OLDEST) or metadata.schema.to_arrow_schema().names != names:
         remedy = (
-            message("newer-reads") if marked.isdecimal() and int(marked) > int(VERSION) else _REMEDY
+            message("newer-reads")
+            if marked.isdecimal() and int(marked) > int(VERSION)
+            else _REMEDY
         )
         raise DataError(
             name,
@@ -291,9 +310,12 @@ def _require_ours(metadata: pq.FileMetaData, name: str, schema: pa.Schema) -> No
         )
 
 
-def _require_small(metadata: pq.FileMetaData, name: str, most_rows: int, largest: int) -> None:
+def _require_small(
+    metadata: pq.FileMetaData, name: str, most_rows: int, largest: int
+) -> None:
     unpacked = sum(
-        metadata.row_group(number).total_byte_size for number in range(metadata.num_row_groups)
+        metadata.row_group(number).total_byte_size
+        for number in range(metadata.num_row_groups)
     )
     if metadata.num_rows > most_rows or unpacked > largest:
         raise DataError(
@@ -309,7 +331,9 @@ def _require_values(table: pa.Table, name: str) -> None:
     result.
     """
     wrong = [
-        column for column in _REQUIRED if column in table.column_names and table[column].null_count
+        column
+        for column in _REQUIRED
+        if column in table.column_names and table[column].null_count
     ]
     numbers = {
         name: table[name]
@@ -317,7 +341,9 @@ def _require_values(table: pa.Table, name: str) -> None:
         if name in table.column_names
     }
     lists = {
-        name: table[name] for name in ("positions", "values", "us") if name in table.column_names
+        name: table[name]
+        for name in ("positions", "values", "us")
+        if name in table.column_names
     }
     numbers |= {name: pc.list_flatten(each) for name, each in lists.items() if name != "us"}
     wrong += [name for name, each in numbers.items() if not _all(pc.is_finite(each))]

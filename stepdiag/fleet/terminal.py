@@ -19,7 +19,9 @@ from stepdiag.fleet.trend import Leaving, Trend, already_perhaps, day, statement
 from stepdiag.terminal.viewer import empty_table, shown
 from stepdiag.texts.texts import UNITS
 
-PHRASES: dict[Verdict, Literal["store-conform", "store-not-conform", "store-not-decidable"]] = {
+PHRASES: dict[
+    Verdict, Literal["store-conform", "store-not-conform", "store-not-decidable"]
+] = {
     "conform": "store-conform",
     "not_conform": "store-not-conform",
     "not_decidable": "store-not-decidable",
@@ -57,7 +59,9 @@ def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
     table.caption = caption
     for each in rows:
         series = each.series
-        name = series.quantity if series.other is None else f"{series.quantity} ({series.other})"
+        name = (
+            series.quantity if series.other is None else f"{series.quantity} ({series.other})"
+        )
         words = shown(joined(statements(each)))
         cells = (
             series.machine,
@@ -172,7 +176,9 @@ def _course_json(trend: Trend, course: Course) -> dict[str, Any]:
         "size": course.size,
         "U": 2 * course.u,
         "per_year": course.kind == "line",
-        "position_mm": float(trend.series.nodes_mm[course.node]) if _is_function(trend) else None,
+        "position_mm": float(trend.series.nodes_mm[course.node])
+        if _is_function(trend)
+        else None,
         "cause": str(trend.cause(course)) if course.kind == "step" else "",
         "probability": course.probability,
     }

@@ -72,7 +72,8 @@ def require_known(tolerances: Tolerances, series: Sequence[Series], source: str)
     """
     known = {each.quantity for each in series}
     unknown = sorted(
-        {*tolerances.all, *(name for of in tolerances.machine.values() for name in of)} - known
+        {*tolerances.all, *(name for of in tolerances.machine.values() for name in of)}
+        - known
     )
     if unknown:
         raise UsageError(

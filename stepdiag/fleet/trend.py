@@ -107,7 +107,9 @@ class Trend:
         loaded = surveys[course.at - 1].active != surveys[course.at].active
         if not loaded:
             return named[0] if named else ""
-        return message("event-and-tables", event=named[0]) if named else message("tables-loaded")
+        return (
+            message("event-and-tables", event=named[0]) if named else message("tables-loaded")
+        )
 
 
 def trends_of(
@@ -122,7 +124,9 @@ def trends_of(
             alike.setdefault("" if each.other is None else str(each.other), []).append(number)
         for numbers in alike.values():
             found |= zip(
-                numbers, _of_machine([series[number] for number in numbers], tolerance), strict=True
+                numbers,
+                _of_machine([series[number] for number in numbers], tolerance),
+                strict=True,
             )
     return [found[number] for number in range(len(series))]
 
@@ -231,7 +235,9 @@ def _leaving(
             *waves,
         ]
     )
-    weights = (1 - series.common[kept] ** 2 + scattered**2) ** -1.0 * series.shown[kept, 1] ** -2.0
+    weights = (1 - series.common[kept] ** 2 + scattered**2) ** -1.0 * series.shown[
+        kept, 1
+    ] ** -2.0
     amounts, covariance = fit(_centred(series)[kept, None], weights[:, None], design[kept])
     level, slope = float(amounts[0, 0]), float(amounts[1, 0])
     magnitude = len(series.nodes_mm) > 1 or series.quantity in OF_VOLUME
@@ -265,7 +271,9 @@ def _leaving(
         return times[-1] + high * YEAR
 
     latest = crossing(-2.0) if line.probability >= HELD else None  # the change may level off
-    return Leaving(tolerance=limit, earliest=crossing(2.0), likely=crossing(0.0), latest=latest)
+    return Leaving(
+        tolerance=limit, earliest=crossing(2.0), likely=crossing(0.0), latest=latest
+    )
 
 
 def _centred(series: Series) -> Array:
@@ -276,7 +284,9 @@ def _centred(series: Series) -> Array:
 
 
 def _outside(last: Point, tolerance: float) -> str:
-    low, high = last.interval() if last.u is not None or math.isfinite(last.low) else (None, None)
+    low, high = (
+        last.interval() if last.u is not None or math.isfinite(last.low) else (None, None)
+    )
     verdict = verdict_of(low, high, tolerance)
     return next(state for state, of in CONFORMITY.items() if of == verdict)
 
@@ -310,7 +320,9 @@ def _statement(trend: Trend, course: Course) -> Message:
     first, last = (day(surveys[at].time) for at in (course.first, course.last))
     expanded = 2 * course.u
     if course.kind == "line":
-        return message("trend-line", slope=course.size, unit=unit, expanded=expanded, first=first)
+        return message(
+            "trend-line", slope=course.size, unit=unit, expanded=expanded, first=first
+        )
     if course.kind == "run-in":
         return message(
             "trend-run-in", change=course.size, unit=unit, expanded=expanded, first=first

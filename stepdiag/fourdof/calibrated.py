@@ -22,7 +22,9 @@ def calibrated(file: HeadFile) -> Head:
         psd2_focal_length_mm=file.head.psd2_focal_length_mm,
         dead_path_mm=lever.dead_path_mm,
         lever_scale=lever.scale,
-        light=None if file.light is None else Light(sums=file.light.sums, within=file.light.within),
+        light=None
+        if file.light is None
+        else Light(sums=file.light.sums, within=file.light.within),
         crosstalk=Crosstalk(
             **{
                 name: value

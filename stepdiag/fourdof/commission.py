@@ -121,8 +121,12 @@ def commission(
     usual = np.median(every[:, 2::3], axis=0)
     dark = _dark(every, usual)
     centre = _centre_mm(standings)
-    lit = [_lit(one, usual) for one in standings if _beside_mm(one, centre, axis) <= FARTHEST_MM]
-    rows, channels = _standstill_rows([one for one in lit if len(one.time_s)], centre, run, axis)
+    lit = [
+        _lit(one, usual) for one in standings if _beside_mm(one, centre, axis) <= FARTHEST_MM
+    ]
+    rows, channels = _standstill_rows(
+        [one for one in lit if len(one.time_s)], centre, run, axis
+    )
     light = _light(every, channels, usual, dark)
     curves = {name: _base(file, name) for name in CURVES}
     noise = _noise([_seen(one.channels, file, curves, dark) for one in lit if _long(one)])
@@ -147,14 +151,19 @@ def _dark(channels: Vector, usual: Vector) -> Vector:
     if len(dark) < LEAST_DARK:
         expected, found = message("dark-samples", count=LEAST_DARK), str(len(dark))
         raise DataError(
-            "commission: dark", expected=expected, found=found, remedy=message("block-the-beam")
+            "commission: dark",
+            expected=expected,
+            found=found,
+            remedy=message("block-the-beam"),
         )
     return np.asarray(np.median(dark, axis=0).reshape(3, 3), dtype=np.float64)
 
 
 def _lit(one: Standing, usual: Vector) -> Standing:
     lit = np.all(one.channels[:, 2::3] > LIT * usual, axis=1)
-    return Standing(position_mm=one.position_mm, time_s=one.time_s[lit], channels=one.channels[lit])
+    return Standing(
+        position_mm=one.position_mm, time_s=one.time_s[lit], channels=one.channels[lit]
+    )
 
 
 def _long(one: Standing) -> bool:
@@ -220,13 +229,18 @@ def _readings(channels: Vector, dark: Vector) -> Vector:
     return readings
 
 
-def _seen(channels: Vector, file: HeadFile, curves: dict[str, AxisTable], dark: Vector) -> Vector:
+def _seen(
+    channels: Vector, file: HeadFile, curves: dict[str, AxisTable], dark: Vector
+) -> Vector:
     """Return the values of the channels (N, 9) by the curves, without signs and rolls: QD in um,
     PSD1 and PSD2 in urad, shape (N, 6).
     """
     bare = msgspec.structs.replace(
         file,
-        **{name: DetectorTable(x=curves[f"{name}.x"], y=curves[f"{name}.y"]) for name in NOMINAL},
+        **{
+            name: DetectorTable(x=curves[f"{name}.x"], y=curves[f"{name}.y"])
+            for name in NOMINAL
+        },
     )
     head = calibrated(bare)
     readings = np.moveaxis(_readings(channels, dark), 1, 0)
@@ -263,7 +277,9 @@ def _noise(stands: Sequence[Vector]) -> Vector:
 
 
 def _plain(detector: Detector) -> Detector:
-    return Detector(x=DetectorAxis(curve=detector.x.curve), y=DetectorAxis(curve=detector.y.curve))
+    return Detector(
+        x=DetectorAxis(curve=detector.x.curve), y=DetectorAxis(curve=detector.y.curve)
+    )
 
 
 def _lateral(moved_mm: Vector, run: HeadRun) -> Vector:
@@ -294,7 +310,10 @@ def _light(every: Vector, rows: Vector, usual: Vector, dark: Vector) -> LightTab
         if np.mean(total == highest) >= STUCK:
             expected, found = message("sum-with-noise"), message("sum-stuck", value=highest)
             raise DataError(
-                f"commission: {name}", expected=expected, found=found, remedy=message("reduce-gain")
+                f"commission: {name}",
+                expected=expected,
+                found=found,
+                remedy=message("reduce-gain"),
             )
     sums = rows[:, 2::3] - dark[:, 2]
     light = np.median(sums, axis=0)
@@ -334,7 +353,12 @@ def _written(
     for number, (name, first) in enumerate((("qd", QD), ("psd1", PSD1), ("psd2", PSD2))):
         axes = {
             letter: _scaled(
-                file, f"{name}.{letter}", curves, found, first + index, float(readings[number])
+                file,
+                f"{name}.{letter}",
+                curves,
+                found,
+                first + index,
+                float(readings[number]),
             )
             for index, letter in enumerate(("x", "y"))
         }
@@ -362,7 +386,8 @@ def _written(
         ),
     )
     return msgspec.structs.replace(
-        fresh.with_measured("fourdof commission", on, *CALIBRATED), uncertainty=_uncertainty(found)
+        fresh.with_measured("fourdof commission", on, *CALIBRATED),
+        uncertainty=_uncertainty(found),
     )
 
 

@@ -137,7 +137,9 @@ def calibrate_axis(
             if detector == "qd"
             else message("reference-arcsec-for-psd")
         )
-        raise UsageError(f"calibrate: {detector}", expected=expected, found=f"reference_{run.unit}")
+        raise UsageError(
+            f"calibrate: {detector}", expected=expected, found=f"reference_{run.unit}"
+        )
     shift = _shift_um(run.reference, detector, file)
     per_unit = abs(float(_shift_um(np.array([1.0]), detector, file)[0]))
     kinds: tuple[CurveKind, ...] = (
@@ -147,7 +149,11 @@ def calibrate_axis(
     )
     fits = [
         fit_curve(
-            run.reading, shift, kind=kind, degree=degree, u_reference_um=u_reference * per_unit
+            run.reading,
+            shift,
+            kind=kind,
+            degree=degree,
+            u_reference_um=u_reference * per_unit,
         )
         for kind in kinds
     ]
@@ -212,7 +218,10 @@ def parse_curves(text: str, source: str) -> Curves:
             ]
         )
         known = rows[np.isfinite(rows[:, 1])]
-        curves[name] = (known[:, 0], known[:, 1] / (URAD_PER_ARCSEC if unit == "urad" else 1.0))
+        curves[name] = (
+            known[:, 0],
+            known[:, 1] / (URAD_PER_ARCSEC if unit == "urad" else 1.0),
+        )
     if not curves:
         raise DataError(
             f"{source}: header",
@@ -252,10 +261,14 @@ def arms_of(measured: Curves, found: Mapping[str, Comparison]) -> dict[str, Arm]
     arms = {}
     for axis in "XYZ":
         straight = {
-            name: one for name, one in found.items() if name in DISPLACEMENTS and name[2] == axis
+            name: one
+            for name, one in found.items()
+            if name in DISPLACEMENTS and name[2] == axis
         }
         turning = {
-            name: curve for name, curve in measured.items() if name in ROTATIONS and name[2] == axis
+            name: curve
+            for name, curve in measured.items()
+            if name in ROTATIONS and name[2] == axis
         }
         places = [one.position_mm for one in straight.values()]
         if (
@@ -265,7 +278,8 @@ def arms_of(measured: Curves, found: Mapping[str, Comparison]) -> dict[str, Arm]
         ):
             continue
         at = {
-            name: URAD_PER_ARCSEC * np.interp(places[0], *curve) for name, curve in turning.items()
+            name: URAD_PER_ARCSEC * np.interp(places[0], *curve)
+            for name, curve in turning.items()
         }
         arm = abbe_arm(places[0], {name: one.residual for name, one in straight.items()}, at)
         if arm is not None:

@@ -57,7 +57,9 @@ class HeadRecord:
                 found=message("none-from-s-on", at=at),
                 remedy=message("keep-beam-free"),
             )
-        sums = [np.bincount(place, weights=column)[: len(count)] for column in self.channels.T]
+        sums = [
+            np.bincount(place, weights=column)[: len(count)] for column in self.channels.T
+        ]
         middle = np.asarray(interval_s * (np.arange(len(count)) + 0.5), dtype=np.float64)
         return HeadRecord(time_s=middle, channels=np.column_stack(sums) / count[:, None])
 
@@ -142,7 +144,9 @@ def head_of_log(path: Path) -> HeadRecord:
     survey = parse_survey(log.header.survey_text, f"{path.name}: survey.toml")
     if survey.head is None:
         raise DataError(
-            str(path), expected=message("log-survey-with-head"), found=message("survey-without-one")
+            str(path),
+            expected=message("log-survey-with-head"),
+            found=message("survey-without-one"),
         )
     gathering = _Gathering(head_decoder(survey))
     for event in log.events():
@@ -152,7 +156,10 @@ def head_of_log(path: Path) -> HeadRecord:
 
 
 def listen_to_head(
-    survey: Survey, source: str, seconds: float, on_batch: Callable[[Samples], None] | None = None
+    survey: Survey,
+    source: str,
+    seconds: float,
+    on_batch: Callable[[Samples], None] | None = None,
 ) -> HeadRecord:
     """Return the samples of a survey file's head over a number of seconds; ``on_batch`` receives
     every batch meanwhile.

@@ -186,7 +186,12 @@ def _evaluate(
     shift_um = survey.uncertainty.source_shift_um
     own = _noise(found, channels, u_channels, distance, head, shift_um)
     seen = _named(
-        each, run, position, found, own, _calibration_noise(found, channels, distance, head, file)
+        each,
+        run,
+        position,
+        found,
+        own,
+        _calibration_noise(found, channels, distance, head, file),
     )
     if not qd_only:
         return replace(seen, findings=findings)
@@ -211,7 +216,9 @@ def _named(
         target_on=run.target_on,
     )
     kept = np.flatnonzero(found.usable)[np.argsort(position[found.usable])]
-    errors = axis_errors(position[kept], found.straightness_um[kept], found.angle_urad[kept], mount)
+    errors = axis_errors(
+        position[kept], found.straightness_um[kept], found.angle_urad[kept], mount
+    )
     straightness = tuple(
         MeasuredStraightness(
             name=name,
@@ -231,7 +238,9 @@ def _named(
         )
         for column, (name, value) in enumerate(errors.rotation_urad.items())
     }
-    shared_um = tuple(shared.straightness_um[kept, column] for column in range(len(straightness)))
+    shared_um = tuple(
+        shared.straightness_um[kept, column] for column in range(len(straightness))
+    )
     return _PassSeen(straightness=straightness, shared_um=shared_um, turns=turns, findings=())
 
 
@@ -259,14 +268,20 @@ def _channels(stops: Sequence[CapturedStop], name: str) -> tuple[Vector, Vector]
 
 
 def _distance_mm(
-    section: HeadSection, run: HeadRun, stops: Sequence[CapturedStop], position: Vector, name: str
+    section: HeadSection,
+    run: HeadRun,
+    stops: Sequence[CapturedStop],
+    position: Vector,
+    name: str,
 ) -> Vector:
     """Return the distance from the head's reference face to the target at every stop."""
     away = position - position.min() if run.beam[0] == "+" else position.max() - position
     if section.distance == "commanded":
         commanded: Vector = run.distance_mm + away
         return commanded
-    reading = np.array([np.nan if stop.reading_mm is None else stop.reading_mm for stop in stops])
+    reading = np.array(
+        [np.nan if stop.reading_mm is None else stop.reading_mm for stop in stops]
+    )
     if not np.isfinite(reading).all():
         missing = stops[int(np.argmin(np.isfinite(reading)))].stop
         remedy = message("put-head-distance-commanded")
@@ -343,7 +358,9 @@ def _calibration_noise(
         )
     lit = np.flatnonzero(found.usable)
     first, last = lit[np.argmin(distance[lit])], lit[np.argmax(distance[lit])]
-    share = ((distance - distance[first]) / ((distance[last] - distance[first]) or 1.0))[:, None]
+    share = ((distance - distance[first]) / ((distance[last] - distance[first]) or 1.0))[
+        :, None
+    ]
 
     def of(other: Head) -> Vector:
         seen = motion(channels, distance, other)
@@ -410,8 +427,12 @@ def _by_channel(
 
 def _over_passes(seen: Sequence[Turns]) -> dict[str, KnownAngle]:
     """Return the mean of every rotation over its passes at their common positions (`_mean`)."""
-    names = sorted({name for turns in seen for name in turns}, key=lambda name: (name[2], name[1]))
-    return {name: _mean_angle([turns[name] for turns in seen if name in turns]) for name in names}
+    names = sorted(
+        {name for turns in seen for name in turns}, key=lambda name: (name[2], name[1])
+    )
+    return {
+        name: _mean_angle([turns[name] for turns in seen if name in turns]) for name in names
+    }
 
 
 def _mean_angle(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> KnownAngle:
@@ -419,7 +440,9 @@ def _mean_angle(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> Know
     return KnownAngle(position_mm=position, value_urad=value, u_urad=u)
 
 
-def _mean(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> tuple[Vector, Vector, Vector]:
+def _mean(
+    passes: Sequence[tuple[Vector, Vector, Vector, Vector]],
+) -> tuple[Vector, Vector, Vector]:
     """Return the common positions of all passes, the mean there from the first on, and its
     uncertainty.
 
@@ -441,7 +464,9 @@ def _mean(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> tuple[Vect
     return common, values.mean(axis=0), np.hypot(u, np.sqrt(np.mean(shared**2, axis=0)))
 
 
-def merge_angles(level: Angles, head: Angles) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
+def merge_angles(
+    level: Angles, head: Angles
+) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
     """Return all known functions: the head's, and the file's for those that the head does not
     measure (the rolls); a finding where both have one.
     """

@@ -43,7 +43,10 @@ def commissioning_run(replayed: Replayed) -> CommissioningRun:
     """
     section = replayed.survey.head
     outcomes = [
-        (log, one) for log in replayed.logs for one in log.outcomes if isinstance(one, CapturedStop)
+        (log, one)
+        for log in replayed.logs
+        for one in log.outcomes
+        if isinstance(one, CapturedStop)
     ]
     axes = {one.setup[-1] for _, one in outcomes if one.setup.startswith("fourdof-")}
     if section is None or len(axes) != 1:
@@ -60,7 +63,9 @@ def commissioning_run(replayed: Replayed) -> CommissioningRun:
 def _standings(log: Log, survey: Survey) -> Iterator[Standing]:
     blocks = list(decoded(log, "head"))
     time_ns = np.concatenate([block.mono_ns for block in blocks])
-    channels = np.concatenate([require_channels(block.channels, log.path.name) for block in blocks])
+    channels = np.concatenate(
+        [require_channels(block.channels, log.path.name) for block in blocks]
+    )
     finite = np.isfinite(channels).all(axis=1)
     time_ns, channels = time_ns[finite], channels[finite]
     for position, from_ns, to_ns in _still(log, survey):
@@ -88,7 +93,10 @@ def _still(log: Log, survey: Survey) -> Iterator[tuple[Vector, float, float]]:
         if signals_now.commanded_mm is None:
             expected = message("commanded-positions")
             raise DataError(
-                log.path.name, expected=expected, found=message("none"), remedy=message("map-x-y-z")
+                log.path.name,
+                expected=expected,
+                found=message("none"),
+                remedy=message("map-x-y-z"),
             )
         here = None if signals_now.stopped else signals_now.commanded_mm
         if begun is not None and here != begun[0]:

@@ -90,7 +90,9 @@ def columns_named(options: Sequence[str]) -> dict[str, Column]:
         )
     if POSITION not in columns:
         raise UsageError(
-            "--map", expected=message("table-position"), found=", ".join(columns) or message("none")
+            "--map",
+            expected=message("table-position"),
+            found=", ".join(columns) or message("none"),
         )
     return columns
 
@@ -134,7 +136,10 @@ def _passes(position_mm: Vector, source: str) -> tuple[Whole, Whole, Flags]:
     """Return the rows of all passes (a single stop of reversal belongs to two), the pass of each
     row, and the rows that end the previous pass.
     """
-    step, travel = np.diff(position_mm), float(np.ptp(position_mm)) if len(position_mm) else 0.0
+    step, travel = (
+        np.diff(position_mm),
+        float(np.ptp(position_mm)) if len(position_mm) else 0.0,
+    )
     if travel == 0.0:
         raise DataError(source, expected=message("table-travel"), found=message("none"))
     first = step[np.flatnonzero(step)[0]]
@@ -233,7 +238,11 @@ def straightness_of(
                     at, value, u = _means(table, name, mine & ~table.turned, columns[name].u)
                     found.append(
                         MeasuredStraightness(
-                            name=name, position_mm=at, value_um=value, u_um=u, approach=approach
+                            name=name,
+                            position_mm=at,
+                            value_um=value,
+                            u_um=u,
+                            approach=approach,
                         )
                     )
     return tuple(found)

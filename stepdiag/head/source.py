@@ -124,10 +124,14 @@ def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "St
         try:
             reference = float(typed)
         except ValueError:
-            print_words(message("such-as", what=message("a-number"), example="-650"), err=True)
+            print_words(
+                message("such-as", what=message("a-number"), example="-650"), err=True
+            )
             continue
         mean = head_record(source, STAGE_S).channels.mean(axis=0)
-        rows.append((float(mean[first + ("x", "y").index(axis)] / mean[first + 2]), reference))
+        rows.append(
+            (float(mean[first + ("x", "y").index(axis)] / mean[first + 2]), reference)
+        )
     reading, reference_column = np.array(rows).reshape(-1, 2).T
     return StageRun(reading=reading, reference=reference_column, unit=unit)  # type: ignore[arg-type]
 

@@ -74,7 +74,9 @@ class AlignView:
             for flag, name in ((flag, str(flag.name)) for flag in Flag)
             if flags & flag
         )
-        table = empty_table(message("table-spots", what=flagged or message("all-samples-good")))
+        table = empty_table(
+            message("table-spots", what=flagged or message("all-samples-good"))
+        )
         table.box = SIMPLE
         for column in table.columns:
             column.no_wrap = True
@@ -110,7 +112,10 @@ def commission_table(done: HeadCommissioned) -> None:
     Console().print(table)
     print_words(
         message(
-            "commissioned-by", stands=done.stands, dark=done.dark, miss_um=2 * done.found.u_jog_um
+            "commissioned-by",
+            stands=done.stands,
+            dark=done.dark,
+            miss_um=2 * done.found.u_jog_um,
         )
     )
 
@@ -131,7 +136,10 @@ def calibration_table(fits: Mapping[str, Calibrated]) -> None:
             f"{each.fit.curve.u_um:.2f}",
         )
         table.add_row(
-            name, reach, *figures, shown(message("identified-yes" if inside else "identified-no"))
+            name,
+            reach,
+            *figures,
+            shown(message("identified-yes" if inside else "identified-no")),
         )
     Console().print(table)
 
@@ -181,7 +189,9 @@ def allan_charts(found: Mapping[str, Stability]) -> list[str]:
         octaves = np.log10(each.tau_s)
         series = [
             Series(label=shown(message("chart-raw")), x=octaves, y=each.raw_allan),
-            Series(label=shown(message("chart-compensated")), x=octaves, y=each.compensated_allan),
+            Series(
+                label=shown(message("chart-compensated")), x=octaves, y=each.compensated_allan
+            ),
         ]
         y_label = f"{name} / {_unit(name)}"
         drawn.append(
@@ -200,12 +210,18 @@ def head_table(straight: Sequence[MeasuredStraightness], angles: Angles) -> None
     = 2) of a value."""
     table = empty_table(message("table-head"))
     for one in straight:
-        lines = (f"{straightness_um(one.position_mm, one.value_um, line):.2f}" for line in LINES)
+        lines = (
+            f"{straightness_um(one.position_mm, one.value_um, line):.2f}" for line in LINES
+        )
         table.add_row(one.name, *lines, "-", f"{2 * float(np.max(one.u_um)):.2f}", "µm")
     for name, known in angles.items():
         spread = f"{float(np.ptp(known.value_urad)):.2f}"
         table.add_row(
-            name, *("-" for _ in LINES), spread, f"{2 * float(np.max(known.u_urad)):.2f}", "µrad"
+            name,
+            *("-" for _ in LINES),
+            spread,
+            f"{2 * float(np.max(known.u_urad)):.2f}",
+            "µrad",
         )
     Console().print(table)
 
@@ -226,7 +242,9 @@ def arm_lines(arms: Mapping[str, Arm]) -> Iterator[str]:
     for axis, arm in arms.items():
         offsets = zip("xyz", arm.mm, arm.u_mm, strict=True)
         places = ", ".join(
-            f"{letter} {mm:+.1f} mm (U {2 * u:.1f})" for letter, mm, u in offsets if np.isfinite(mm)
+            f"{letter} {mm:+.1f} mm (U {2 * u:.1f})"
+            for letter, mm, u in offsets
+            if np.isfinite(mm)
         )
         left = ", ".join(f"{name} {arm.rms_um(name):.2f} µm" for name in arm.residual_um)
         yield shown(message("head-arm", axis=axis, places=places, left=left))

@@ -64,7 +64,9 @@ class Daemon(Protocol):
     async def picture(self) -> Picture:
         """Return the present state. Raises DeviceError for a silent daemon."""
 
-    async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> Words:
+    async def order(
+        self, name: CommandName, arguments: dict[str, str], address: str
+    ) -> Words:
         """Request a command; return the reason of a refusal, empty after success. Raises
         DeviceError for a silent daemon.
         """
@@ -121,7 +123,10 @@ class Page:
     async def stream(self, request: Request) -> Response:
         """Respond with the live stream."""
         address = address_of(request)
-        if self._readers.total() >= MOST_READERS or self._readers[address] >= MOST_READERS // 2:
+        if (
+            self._readers.total() >= MOST_READERS
+            or self._readers[address] >= MOST_READERS // 2
+        ):
             return refused(503, message("page-readers", count=self._readers.total()))
         return _CountedStream(self.broadcaster, self._readers, address)
 
@@ -185,7 +190,9 @@ class Page:
         if not await self.access.commands(request):
             return refused(
                 403,
-                message("page-wrong-token") if self.access.needed else message("page-read-only"),
+                message("page-wrong-token")
+                if self.access.needed
+                else message("page-read-only"),
             )
         body = await _limited_body(request)
         try:
@@ -198,7 +205,9 @@ class Page:
         return refused(409, refusal) if refusal else Response(status_code=204)
 
     async def _listed(self) -> tuple[Download, ...]:
-        return await run_in_threadpool(downloads_of, Path((await self._daemon.picture()).folder))
+        return await run_in_threadpool(
+            downloads_of, Path((await self._daemon.picture()).folder)
+        )
 
 
 class _CountedStream(Response):
@@ -254,9 +263,13 @@ def _packed(found: Download) -> Response:
         data = zip_of(found.path, restore=found.kind == "restore")
     except StepdiagError as why:
         # the places of the service's files stay private
-        named = message("refusal", where=found.path.name, expected=why.expected, found=why.found)
+        named = message(
+            "refusal", where=found.path.name, expected=why.expected, found=why.found
+        )
         return refused(409, named)
-    except OSError as why:  # the file was moved away, or its disk was removed, while it was packed
+    except (
+        OSError
+    ) as why:  # the file was moved away, or its disk was removed, while it was packed
         return refused(409, message("labelled", name=found.path.name, what=system_words(why)))
     headers = {
         "Content-Disposition": f'attachment; filename="{found.name}"',
@@ -269,7 +282,10 @@ def _file(found: Download) -> Response:
     if found.kind == "report" and found.path.suffix == ".html":
         headers = {"Content-Security-Policy": REPORT_POLICY, "Cache-Control": "no-store"}
         return FileResponse(
-            found.path, filename=found.name, content_disposition_type="inline", headers=headers
+            found.path,
+            filename=found.name,
+            content_disposition_type="inline",
+            headers=headers,
         )
     return FileResponse(
         found.path,

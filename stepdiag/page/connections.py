@@ -100,5 +100,9 @@ class PunctualProtocol(H11Protocol):
             self._patience = None
 
     def _lose_patience(self) -> None:
-        if self.cycle is None or self.cycle.response_complete or self.conn.our_state is h11.ERROR:
+        if (
+            self.cycle is None
+            or self.cycle.response_complete
+            or self.conn.our_state is h11.ERROR
+        ):
             self.transport.abort()

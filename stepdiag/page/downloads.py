@@ -30,7 +30,9 @@ def downloads_of(folder: Path) -> tuple[Download, ...]:
     ]
     found += [(path, "report") for path in sorted(folder.glob("report.*")) if path.is_file()]
     found += [
-        (path, "certificate") for path in sorted(folder.glob("certificate*.*")) if path.is_file()
+        (path, "certificate")
+        for path in sorted(folder.glob("certificate*.*"))
+        if path.is_file()
     ]
     found += [(path, "export") for path in _exported(folder / EXPORTS)]
     found += [(path, "log") for path in logs_in(folder) if path.suffix == ".mcap"]
@@ -83,10 +85,14 @@ def _exported(folder: Path) -> list[Path]:
         return []
     found: list[Path] = []
     for each in sorted(
-        inner for inner in folder.iterdir() if inner.is_dir() and not inner.name.startswith(".")
+        inner
+        for inner in folder.iterdir()
+        if inner.is_dir() and not inner.name.startswith(".")
     ):
         files = sorted(
-            path for path in each.iterdir() if path.is_file() and not path.name.startswith(".")
+            path
+            for path in each.iterdir()
+            if path.is_file() and not path.name.startswith(".")
         )
         found += files if whole(each) else [path for path in files if path.name == REFUSED]
     return found

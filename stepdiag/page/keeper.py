@@ -145,7 +145,9 @@ async def page_served(
     async def welcome(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         caller = struct.unpack(
             "3i",
-            writer.get_extra_info("socket").getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12),
+            writer.get_extra_info("socket").getsockopt(
+                socket.SOL_SOCKET, socket.SO_PEERCRED, 12
+            ),
         )[1]
         if caller != account:
             _log.error("page-stranger", account=caller, expected=account)
@@ -166,7 +168,9 @@ async def page_served(
             visit.close()
             writer.transport.abort()
 
-    server = await asyncio.start_unix_server(welcome, path, limit=LONGEST_REQUEST + LENGTH_BYTES)
+    server = await asyncio.start_unix_server(
+        welcome, path, limit=LONGEST_REQUEST + LENGTH_BYTES
+    )
     os.chmod(path, 0o660)  # noqa: PTH101  # to connect is to write; the group is that of who reads the survey, and the account is asked for
     async with server:
         yield
@@ -239,7 +243,9 @@ class PageKeeper:
                     stdout=theirs.fileno(),
                     stderr=PIPE,
                     pass_fds=self._listeners.open,
-                    env={name: os.environ[name] for name in _ENVIRONMENT if name in os.environ},
+                    env={
+                        name: os.environ[name] for name in _ENVIRONMENT if name in os.environ
+                    },
                 )
             except OSError as error:
                 return str(error)
@@ -329,17 +335,23 @@ class _Visit:
             case Watch():
                 self._watch(on=request.on)
             case Order():
-                self._line.send(Answer(number=request.number, refusal=await self._obey(request)))
+                self._line.send(
+                    Answer(number=request.number, refusal=await self._obey(request))
+                )
             case Count():
                 if self._figures is not None:
                     self._line.send(Counted(number=request.number, figures=self._figures()))
             case Guesses():
-                _log.warning("wrong-tokens", address=request.address[:100], count=request.count)
+                _log.warning(
+                    "wrong-tokens", address=request.address[:100], count=request.count
+                )
                 self._source.token_guessed(request.address[:100], request.count)
             case Fault():
                 self._say_fault(request.text)
             case Ready():
-                _log.info("page-confined", open=", ".join(request.open)[:LAST_WORDS] or "nothing")
+                _log.info(
+                    "page-confined", open=", ".join(request.open)[:LAST_WORDS] or "nothing"
+                )
 
     def _say_fault(self, text: str) -> None:
         """Log the fault, but not for every request of a client that can cause it."""
@@ -358,7 +370,9 @@ class _Visit:
 
     def _watch(self, *, on: bool) -> None:
         if on and (self._pictures is None or self._pictures.done()):
-            self._pictures = asyncio.create_task(self._send_pictures(), name="page's pictures")
+            self._pictures = asyncio.create_task(
+                self._send_pictures(), name="page's pictures"
+            )
         elif not on:
             self.close()
             self._send_picture()

@@ -27,7 +27,9 @@ def create_metrics(figures: Callable[[], Awaitable[Figures]]) -> Starlette:
             registry.register(_Daemon(await figures()))
         except DeviceError as why:
             return PlainTextResponse(str(why), status_code=503)
-        return Response(generate_latest(registry), headers={"Content-Type": CONTENT_TYPE_LATEST})
+        return Response(
+            generate_latest(registry), headers={"Content-Type": CONTENT_TYPE_LATEST}
+        )
 
     return Starlette(routes=[Route("/metrics", metrics)])
 
@@ -45,18 +47,28 @@ class _Daemon(Collector):
 
 
 def _counted(now: Figures) -> Iterator[Metric]:
-    yield CounterMetricFamily("stepdiag_samples", "Laser samples recorded.", value=now.samples)
+    yield CounterMetricFamily(
+        "stepdiag_samples", "Laser samples recorded.", value=now.samples
+    )
     yield CounterMetricFamily("stepdiag_stops", "Stops captured.", value=now.tally.stops)
     yield CounterMetricFamily(
         "stepdiag_lost_events", "Events that could not be recorded.", value=now.lost_events
     )
     yield _labelled(
-        "findings", "Findings while recording, by code.", "code", explanations(), now.tally.findings
+        "findings",
+        "Findings while recording, by code.",
+        "code",
+        explanations(),
+        now.tally.findings,
     )
     known = map(str, (0, *EXIT_CODES.values()))
     ended = {str(exit_code): count for exit_code, count in now.tally.surveys.items()}
     yield _labelled(
-        "surveys", "Surveys handed to the solver, by its exit code.", "exit_code", known, ended
+        "surveys",
+        "Surveys handed to the solver, by its exit code.",
+        "exit_code",
+        known,
+        ended,
     )
 
 

@@ -29,7 +29,12 @@ from stepdiag.base.errors import DeviceError, system_words
 from stepdiag.base.messages import message
 from stepdiag.daq.service.priority import lower_priority
 from stepdiag.page.app import Page, create_app
-from stepdiag.page.connections import LONGEST_HEAD, CappedListener, PunctualLoop, PunctualProtocol
+from stepdiag.page.connections import (
+    LONGEST_HEAD,
+    CappedListener,
+    PunctualLoop,
+    PunctualProtocol,
+)
 from stepdiag.page.messages import LENGTH_BYTES, PageSettings, settings_decoder
 from stepdiag.page.metrics import create_metrics
 from stepdiag.page.remote import RemoteDaemon
@@ -62,7 +67,10 @@ def main(page: str, metrics: str) -> None:
     length = int.from_bytes(hears.read(LENGTH_BYTES), "big")
     settings = settings_decoder.decode(hears.read(length))
     _serve_sockets(
-        hears, asks, settings, *(None if each == "-" else int(each) for each in (page, metrics))
+        hears,
+        asks,
+        settings,
+        *(None if each == "-" else int(each) for each in (page, metrics)),
     )
 
 
@@ -86,7 +94,8 @@ def serve_activated(survey_file: Path) -> None:
         for one in (socket.socket(fileno=each) for each in _handed_over())
     }
     page, metrics = (
-        handed.get(each.port) if each.enabled else None for each in (survey.page, survey.metrics)
+        handed.get(each.port) if each.enabled else None
+        for each in (survey.page, survey.metrics)
     )
     _serve_sockets(os.fdopen(line.detach(), "rb", buffering=0), asks, settings, page, metrics)
 
@@ -121,7 +130,11 @@ def _called(path: Path) -> socket.socket:
 
 
 def _serve_sockets(
-    hears: BinaryIO, asks: BinaryIO, settings: PageSettings, page: int | None, metrics: int | None
+    hears: BinaryIO,
+    asks: BinaryIO,
+    settings: PageSettings,
+    page: int | None,
+    metrics: int | None,
 ) -> None:
     daemon = RemoteDaemon(asks)
     servers = []
@@ -183,7 +196,9 @@ async def _serve(
     asyncio.get_running_loop().set_exception_handler(
         lambda _, context: daemon.say_fault(context.get("exception") or context["message"])
     )
-    tasks = [asyncio.create_task(server.serve(sockets=[listener])) for server, listener in servers]
+    tasks = [
+        asyncio.create_task(server.serve(sockets=[listener])) for server, listener in servers
+    ]
     daemon.say_ready(tuple(still_open))
     hearing = asyncio.create_task(daemon.hear(hears))
     done, _ = await asyncio.wait([hearing, *tasks], return_when=asyncio.FIRST_COMPLETED)

@@ -82,7 +82,9 @@ class RemoteDaemon:
 
     def say_fault(self, why: object) -> None:
         """Report a fault of this program: its place and its reason."""
-        place = traceback.extract_tb(why.__traceback__)[-1:] if isinstance(why, Exception) else []
+        place = (
+            traceback.extract_tb(why.__traceback__)[-1:] if isinstance(why, Exception) else []
+        )
         with suppress(DeviceError):
             self._ask(Fault(text=f"{why!r} in {place}"[:1000]))
 
@@ -101,7 +103,9 @@ class RemoteDaemon:
         assert self._picture is not None
         return self._picture
 
-    async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> Words:
+    async def order(
+        self, name: CommandName, arguments: dict[str, str], address: str
+    ) -> Words:
         """Request a command; return the reason of a refusal, empty after success. Raises
         DeviceError for a silent daemon.
         """

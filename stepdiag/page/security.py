@@ -192,7 +192,11 @@ class Access:
         if len(self._sessions) > MOST_SESSIONS:
             self._sessions.popitem(last=False)
         answer.set_cookie(
-            COOKIE, session, httponly=True, samesite="strict", secure=request.url.scheme == "https"
+            COOKIE,
+            session,
+            httponly=True,
+            samesite="strict",
+            secure=request.url.scheme == "https",
         )
 
 
@@ -204,4 +208,6 @@ def address_of(request: HTTPConnection) -> str:
 def refused(status: int, why: Words) -> Response:
     """Return a refusal in words: ``error`` for a program, ``words`` for the user, in every
     language."""
-    return JSONResponse({"error": str(why), "words": in_every_language(why)}, status_code=status)
+    return JSONResponse(
+        {"error": str(why), "words": in_every_language(why)}, status_code=status
+    )

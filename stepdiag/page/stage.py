@@ -80,7 +80,9 @@ def _trouble(now: Snapshot) -> Headline | None:
         if not now.recording:
             return _alarm("not_recording", Say("do_recording"))
     again = (
-        None if is_running(now) or now.phase in ("paused", "solving", "complete") else _again(now)
+        None
+        if is_running(now) or now.phase in ("paused", "solving", "complete")
+        else _again(now)
     )
     return None if again is None else _repeat(now, again)
 
@@ -117,14 +119,22 @@ def _pass(setup: str, number: int) -> "dict[str, str | int | list[Say]]":
     """Return setup, number and direction of a pass in the form for a sentence: odd passes lead
     outward.
     """
-    return {"setup": setup, "pass": number, "way": [Say("outward" if number % 2 else "return")]}
+    return {
+        "setup": setup,
+        "pass": number,
+        "way": [Say("outward" if number % 2 else "return")],
+    }
 
 
 def _quiet(now: Snapshot) -> Headline:
     if now.phase == "complete" and now.proof is not None:
-        return Headline(stage="done", lead=Say(f"proof_{now.proof}"), advice=Say("do_complete"))
+        return Headline(
+            stage="done", lead=Say(f"proof_{now.proof}"), advice=Say("do_complete")
+        )
     if now.phase in ("solving", "complete"):
-        return Headline(stage="done", lead=Say(f"phase_{now.phase}"), advice=Say(f"do_{now.phase}"))
+        return Headline(
+            stage="done", lead=Say(f"phase_{now.phase}"), advice=Say(f"do_{now.phase}")
+        )
     if is_running(now):
         return _underway(now)
     if now.phase == "paused":
@@ -151,7 +161,8 @@ def _underway(now: Snapshot) -> Headline:
     before removing the setup.
     """
     owed = next(
-        (drive for drive in now.to_drive if drive.again and drive.setup == now.expects_setup), None
+        (drive for drive in now.to_drive if drive.again and drive.setup == now.expects_setup),
+        None,
     )
     if owed is None:
         return Headline(stage="drive", lead=_driving(now), advice=_way(now))
@@ -199,4 +210,8 @@ def _set_up(now: Snapshot) -> Say:
 
 def _program(now: Snapshot, setup: str) -> Say:
     named = now.program if setup == now.expects_setup else ""
-    return Say("program_named", {"name": named}) if named else Say("program_of", {"setup": setup})
+    return (
+        Say("program_named", {"name": named})
+        if named
+        else Say("program_of", {"setup": setup})
+    )

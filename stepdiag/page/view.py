@@ -12,7 +12,13 @@ import msgspec
 
 from stepdiag.base.findings import in_words
 from stepdiag.base.messages import in_every_language, where
-from stepdiag.daq.records.status import FindingStatus, LinkStatus, SetupStatus, Snapshot, StopStatus
+from stepdiag.daq.records.status import (
+    FindingStatus,
+    LinkStatus,
+    SetupStatus,
+    Snapshot,
+    StopStatus,
+)
 from stepdiag.page.stage import headline
 from stepdiag.texts import LANGUAGES
 from stepdiag.texts.explained import advice_of
@@ -40,7 +46,9 @@ SEVERITIES = ("info", "warning", "error")
 SHAPED = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments"})
 """Parts whose form differs from the daemon's."""
 FAST_FIELDS = tuple(
-    name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS and name not in SHAPED
+    name
+    for name in Snapshot.__struct_fields__
+    if name not in SLOW_FIELDS and name not in SHAPED
 )
 
 
@@ -107,7 +115,8 @@ def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
         groups[key] = [*groups.pop(key, []), one]
     entries = [_entry(members) for members in reversed(groups.values())]
     return sorted(
-        entries, key=lambda entry: (-SEVERITIES.index(entry["severity"]), entry["state"] != "open")
+        entries,
+        key=lambda entry: (-SEVERITIES.index(entry["severity"]), entry["state"] != "open"),
     )
 
 

@@ -100,7 +100,9 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     verdict: Literal["conform", "not_conform", "not_decidable"]
 
 
-class ResultMessage(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-result"):
+class ResultMessage(
+    _About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-result"
+):
     """The numbers of the last result; ``sha256`` is the hash of its file."""
 
     round: str
@@ -231,7 +233,9 @@ class Watched:
             self._read[path] = known
         return known[1]
 
-    def _messages(self, result: Result, digest: str, round_: str) -> tuple[Findings, ResultMessage]:
+    def _messages(
+        self, result: Result, digest: str, round_: str
+    ) -> tuple[Findings, ResultMessage]:
         facts = result.survey or Facts()
         findings = tuple(msgspec.convert(asdict(each), Finding) for each in result.findings)
         rows = tuple(msgspec.convert(asdict(row), Row) for row in rows_of(result))

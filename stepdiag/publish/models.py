@@ -42,7 +42,8 @@ async def add_models(server: Server) -> Models:
     defined.Fields[0].DataType, defined.Fields[0].IsOptional = ua.NodeId(_META, index), True
     await node.write_data_type_definition(defined)
     return Models(
-        results=index, machine_tool=await server.get_namespace_index(_URI.format("MachineTool"))
+        results=index,
+        machine_tool=await server.get_namespace_index(_URI.format("MachineTool")),
     )
 
 

@@ -68,7 +68,13 @@ class Broker:
 
 
 def publish(
-    watched: Watched, survey: Survey, broker: Broker, *, prefix: str, every_s: float, once: bool
+    watched: Watched,
+    survey: Survey,
+    broker: Broker,
+    *,
+    prefix: str,
+    every_s: float,
+    once: bool,
 ) -> None:
     """Send until SIGTERM or SIGINT, or once.
 
@@ -83,7 +89,9 @@ class _Publisher:
         self, watched: Watched, survey: Survey, broker: Broker, prefix: str, every_s: float
     ) -> None:
         self._watched, self._broker, self._every_s = watched, broker, every_s
-        self._topic: Callable[[Message], str] = lambda message: topic_of(message, survey, prefix)
+        self._topic: Callable[[Message], str] = lambda message: topic_of(
+            message, survey, prefix
+        )
         self._tls = _context(broker)
         self._stop = asyncio.Event()
         self._damage = ""
@@ -137,7 +145,9 @@ class _Publisher:
             tls_context=self._tls,
             timeout=ANSWER_S,
             keepalive=20,
-            will=aiomqtt.Will(self._topic(will), msgspec.json.encode(will), qos=QOS, retain=True),
+            will=aiomqtt.Will(
+                self._topic(will), msgspec.json.encode(will), qos=QOS, retain=True
+            ),
         )
 
     async def _send(self, client: "_Client", *, once: bool) -> None:
@@ -151,7 +161,9 @@ class _Publisher:
                 await self._put(client, topic, sent)
             if isinstance(state, State) and state.damage:  # no caller looks at it again
                 raise DataError(
-                    self._watched.name, expected=message("readable-result"), found=state.damage
+                    self._watched.name,
+                    expected=message("readable-result"),
+                    found=state.damage,
                 )
             self._stop.set()
             return
@@ -163,7 +175,9 @@ class _Publisher:
                 client.heard = 0
                 await self._send_new(client, sent)
                 await asyncio.wait(
-                    {lost, stopped}, timeout=self._every_s, return_when=asyncio.FIRST_COMPLETED
+                    {lost, stopped},
+                    timeout=self._every_s,
+                    return_when=asyncio.FIRST_COMPLETED,
                 )
                 if lost.done():
                     lost.result()
@@ -181,7 +195,9 @@ class _Publisher:
                     _log.warning("survey-unreadable", reason=self._damage)
             await self._put(client, topic, sent)
 
-    async def _put(self, client: aiomqtt.Client, message: Message, sent: dict[str, bytes]) -> None:
+    async def _put(
+        self, client: aiomqtt.Client, message: Message, sent: dict[str, bytes]
+    ) -> None:
         topic, payload = self._topic(message), msgspec.json.encode(message)
         if sent.get(topic) != payload:
             await client.publish(topic, payload, qos=QOS, retain=True)
@@ -257,5 +273,7 @@ def _context(broker: Broker) -> ssl.SSLContext | None:
         )
     except OSError as error:  # ssl.SSLError is one
         raise UsageError(
-            str(broker.authority), expected=message("pem-certificates"), found=system_words(error)
+            str(broker.authority),
+            expected=message("pem-certificates"),
+            found=system_words(error),
         ) from error

@@ -70,9 +70,13 @@ def serve(watched: Watched, survey: Survey, endpoint: Endpoint, *, every_s: floa
     asyncio.run(_serve(watched, survey, endpoint, every_s))
 
 
-async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: float) -> None:
+async def _serve(
+    watched: Watched, survey: Survey, endpoint: Endpoint, every_s: float
+) -> None:
     stop = stopped_by_signal()
-    with _opening(endpoint):  # now, and not after the seconds in which the address space is built
+    with _opening(
+        endpoint
+    ):  # now, and not after the seconds in which the address space is built
         tried = await asyncio.get_running_loop().create_server(
             asyncio.Protocol, endpoint.host, endpoint.port, start_serving=False
         )
@@ -162,13 +166,22 @@ async def _prepared(endpoint: Endpoint) -> Server:
 def _limit(server: Server) -> None:
     """Set every limit of the library for the connections and messages of clients."""
     inner, wire = server.iserver, server.limits
-    inner.max_connections, inner.max_pending_activation_seconds = MOST_CONNECTIONS, ACTIVATION_S
-    inner.max_session_timeout_ms, inner.max_subscriptions = SESSION_S * 1e3, MOST_SUBSCRIPTIONS
+    inner.max_connections, inner.max_pending_activation_seconds = (
+        MOST_CONNECTIONS,
+        ACTIVATION_S,
+    )
+    inner.max_session_timeout_ms, inner.max_subscriptions = (
+        SESSION_S * 1e3,
+        MOST_SUBSCRIPTIONS,
+    )
     inner.max_monitored_item_queue_size, inner.max_unacked_messages_per_subscription = (
         LONGEST_QUEUE,
         MOST_UNACKNOWLEDGED,
     )
-    wire.max_message_size, wire.max_chunk_count = LONGEST_MESSAGE, 2 * LONGEST_MESSAGE // CHUNK
+    wire.max_message_size, wire.max_chunk_count = (
+        LONGEST_MESSAGE,
+        2 * LONGEST_MESSAGE // CHUNK,
+    )
 
 
 async def _loaded(path: Path, load: Callable[[Path], Any]) -> None:
@@ -198,7 +211,9 @@ def _uri_of(certificate: Any) -> str:
     from cryptography import x509
 
     with suppress(x509.ExtensionNotFound):
-        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        names = certificate.extensions.get_extension_for_class(
+            x509.SubjectAlternativeName
+        ).value
         return next(iter(names.get_values_for_type(x509.UniformResourceIdentifier)), "")
     return ""
 

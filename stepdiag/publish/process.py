@@ -36,7 +36,9 @@ def stand_back(folder: Path, *, calls: int = 0) -> None:
         if limit != resource.RLIM_INFINITY
     ]
     resource.setrlimit(resource.RLIMIT_DATA, (min(allowed), min(allowed)))
-    still_open = confine_publisher((*readable_by_program(folder), *map(Path, NAMES)), calls=calls)
+    still_open = confine_publisher(
+        (*readable_by_program(folder), *map(Path, NAMES)), calls=calls
+    )
     _log.info("publish-confined", open=", ".join(still_open) or "nothing")
 
 

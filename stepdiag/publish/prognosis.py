@@ -18,7 +18,15 @@ from stepdiag.base.result.result import Result, result_in
 from stepdiag.daq.recording.rounds import round_folders
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.fleet.rows import about, rows_of
-from stepdiag.fleet.series import OF_VOLUME, Series, Survey, by_volume, middle_of, parted, stated
+from stepdiag.fleet.series import (
+    OF_VOLUME,
+    Series,
+    Survey,
+    by_volume,
+    middle_of,
+    parted,
+    stated,
+)
 from stepdiag.fleet.trend import Trend, trends_of
 
 
@@ -34,10 +42,17 @@ def leavings(folder: Path, now: datetime) -> list[Trend]:
     groups, _ = parted("", dict(enumerate(survey for survey, _ in found)), now)
     alike = [found[at] for at in groups[0][0]] if groups else []
     series = [
-        each for quantity in tolerances for each in _series(quantity, alike) if each.other is None
+        each
+        for quantity in tolerances
+        for each in _series(quantity, alike)
+        if each.other is None
     ]
     trends = trends_of(series, lambda _, quantity: tolerances.get(quantity))
-    return [each for each in trends if each.leaving is not None and each.leaving.likely is not None]
+    return [
+        each
+        for each in trends
+        if each.leaving is not None and each.leaving.likely is not None
+    ]
 
 
 def _series(quantity: str, found: Sequence[tuple[Survey, Result]]) -> Iterator[Series]:
@@ -56,7 +71,10 @@ def _series(quantity: str, found: Sequence[tuple[Survey, Result]]) -> Iterator[S
             [
                 [
                     row.value,
-                    *(math.nan if each is None else each for each in (row.u, row.low, row.high)),
+                    *(
+                        math.nan if each is None else each
+                        for each in (row.u, row.low, row.high)
+                    ),
                 ]
                 for row in rows
             ]
@@ -69,7 +87,9 @@ def _series(quantity: str, found: Sequence[tuple[Survey, Result]]) -> Iterator[S
             nodes_mm=np.zeros(1),
             values=middle_of(shown),
             u=shown[:, 1:2],
-            common=np.array([(row.u_common or 0.0) / row.u if row.u else 0.0 for row in rows]),
+            common=np.array(
+                [(row.u_common or 0.0) / row.u if row.u else 0.0 for row in rows]
+            ),
             shown=shown,
         )
         yield from by_volume(whole) if quantity in OF_VOLUME else (whole,)

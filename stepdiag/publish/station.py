@@ -95,13 +95,17 @@ class Station:
         for name, answer in methods.items():
             server.link_method(parts[name], answer)
         _, parts = await self._instance(
-            machine, "Notification", self._models.machine_tool, _NOTIFICATION_TYPE, {"Prognoses"}
+            machine,
+            "Notification",
+            self._models.machine_tool,
+            _NOTIFICATION_TYPE,
+            {"Prognoses"},
         )
         self._prognoses = parts["Prognoses"]
         # the model's own type of event is abstract: the sent events have a type below it
-        event = await server.get_node(ua.NodeId(_EVENT_TYPE, self._models.results)).add_object_type(
-            own, "StepdiagResultReadyEventType"
-        )
+        event = await server.get_node(
+            ua.NodeId(_EVENT_TYPE, self._models.results)
+        ).add_object_type(own, "StepdiagResultReadyEventType")
         self._event = await server.get_event_generator(event, management)
 
     async def _instance(
@@ -114,7 +118,9 @@ class Station:
         node = await parent.add_object(
             ua.NodeId(0, self._own), named, ua.NodeId(kind, index), instantiate_optional=True
         )
-        parts = {(await each.read_browse_name()).Name: each for each in await node.get_children()}
+        parts = {
+            (await each.read_browse_name()).Name: each for each in await node.get_children()
+        }
         await self._server.delete_nodes(
             [each for part, each in parts.items() if part not in offered], recursive=True
         )
@@ -132,7 +138,9 @@ class Station:
             assert isinstance(findings, Findings)
             assert isinstance(figures, ResultMessage)
             published = [(findings, figures)]
-            values["findings"] = [msgspec.json.encode(each).decode() for each in findings.findings]
+            values["findings"] = [
+                msgspec.json.encode(each).decode() for each in findings.findings
+            ]
         elif not values["complete"] or values["round"] != self._round:
             values[
                 "findings"
@@ -140,7 +148,9 @@ class Station:
             ] = []
         self._round, now = values["round"], datetime.now(UTC)
         for name, value in values.items():
-            kind = ua.VariantType.Boolean if isinstance(value, bool) else ua.VariantType.String
+            kind = (
+                ua.VariantType.Boolean if isinstance(value, bool) else ua.VariantType.String
+            )
             variant = ua.Variant(value, kind, is_array=isinstance(value, list))
             await self._values[name].write_value(
                 ua.DataValue(variant, SourceTimestamp=now, ServerTimestamp=now)
@@ -149,7 +159,9 @@ class Station:
             if await self._offer(*each, new=True):
                 await self._predict(leavings(watched.folder, now))
 
-    async def _offer(self, findings: Findings, published: ResultMessage, *, new: bool) -> bool:
+    async def _offer(
+        self, findings: Findings, published: ResultMessage, *, new: bool
+    ) -> bool:
         """Add a result; send an event if it is ``new``. Return whether the result was not there
         before.
         """
@@ -170,9 +182,14 @@ class Station:
         if new:
             event = self._event.event
             parts = {
-                f"Result/ResultMetaData/{member}": value for member, value in _members(meta).items()
+                f"Result/ResultMetaData/{member}": value
+                for member, value in _members(meta).items()
             }
-            for path, value in {"Result": result, "Result/ResultMetaData": meta, **parts}.items():
+            for path, value in {
+                "Result": result,
+                "Result/ResultMetaData": meta,
+                **parts,
+            }.items():
                 event.add_variable(path, *_typed(value))
             await self._event.trigger(message=f"result {name}")
             _log.info("opcua-result", result=name)
@@ -223,7 +240,9 @@ class Station:
                 await part.write_value(ua.Variant(*_typed(values[member])))
             else:
                 await part.delete(recursive=True)
-        await meta.write_value(ua.Variant(result.ResultMetaData, ua.VariantType.ExtensionObject))
+        await meta.write_value(
+            ua.Variant(result.ResultMetaData, ua.VariantType.ExtensionObject)
+        )
         await content.write_value(
             ua.Variant(result.ResultContent, ua.VariantType.Variant, is_array=True)
         )
@@ -290,7 +309,9 @@ class Station:
 
 def result_id(published: ResultMessage) -> str:
     """Return the name of a result, different for different files: MACHINE/SURVEY/ROUND/HASH."""
-    return "/".join((published.machine, published.survey, published.round, published.sha256[:16]))
+    return "/".join(
+        (published.machine, published.survey, published.round, published.sha256[:16])
+    )
 
 
 def _members(meta: Any) -> dict[str, Any]:

@@ -158,7 +158,9 @@ def facts_table(
     ]
     rows.append((words["compensation"], _compensation(result, words)))
     reduced = known.at_20_c if result.lengths is None else result.lengths.tables == "at_20_c"
-    rows.append((words["reference_temperature"], words["at_20_c" if reduced else "as_measured"]))
+    rows.append(
+        (words["reference_temperature"], words["at_20_c" if reduced else "as_measured"])
+    )
     rows.append((words["sign"], words["sign_convention"]))
     rows.append((words["standards"], words["standards_used"]))
     return Table(header=(), rows=rows)
@@ -175,7 +177,8 @@ def _known(facts: Facts, laboratory: Laboratory) -> Facts:
     )
     laser = (*laboratory.equipment, of_survey)[0]
     sensors = ", ".join(
-        f"{one.name} {one.serial} {one.certificate}".strip() for one in laboratory.equipment[1:]
+        f"{one.name} {one.serial} {one.certificate}".strip()
+        for one in laboratory.equipment[1:]
     )
     return replace(
         facts,
@@ -231,7 +234,9 @@ def effect_table(
             if quantity in of
         ]
         limit = f"{now[quantity].tolerance:g}" if quantity in now else none
-        rows.append((name, *cells, *((limit, "; ".join(judged) or none) if tolerance else ())))
+        rows.append(
+            (name, *cells, *((limit, "; ".join(judged) or none) if tolerance else ()))
+        )
 
     if reach is not None:
         figures = (reach.rms_before, reach.rms_after, None if left is None else left.rms)
@@ -252,7 +257,9 @@ def effect_table(
         )
     for name, number in result.squareness.items() if rows or tolerance else ():
         after = (
-            none if left is None or name not in left.squareness else with_u(left.squareness[name])
+            none
+            if left is None or name not in left.squareness
+            else with_u(left.squareness[name])
         )
         row(
             f"{name} / µrad",
@@ -378,6 +385,11 @@ def _beside(one: Interval, other: Interval) -> int | None:
     """Return -1 or 1 if an interval is completely below or above another, 0 for an overlap, None
     without ends.
     """
-    if one.low_um is None or one.high_um is None or other.low_um is None or other.high_um is None:
+    if (
+        one.low_um is None
+        or one.high_um is None
+        or other.low_um is None
+        or other.high_um is None
+    ):
         return None
     return int(one.low_um > other.high_um) - int(one.high_um < other.low_um)

@@ -20,9 +20,12 @@ def write_completed_report(done: Completed) -> Path:
     readings = parse_readings((done.folder / READINGS).read_text(encoding="utf-8"), READINGS)
     exported = [exported_of(each) for each in done.exports]
     conclusion = concluded(done)
-    correction = next((one.correction for one in exported if one.correction is not None), None)
+    correction = next(
+        (one.correction for one in exported if one.correction is not None), None
+    )
     write_once(
-        done.folder / CONCLUSION, conclusion_json(conclusion, field_of(done.result, correction))
+        done.folder / CONCLUSION,
+        conclusion_json(conclusion, field_of(done.result, correction)),
     )
     report = build_report(
         done.result,

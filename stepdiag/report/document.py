@@ -77,12 +77,16 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     known = conclusion or conclude(
         result, [one.concluded for one in exported if one.concluded is not None]
     )
-    correction = next((one.correction for one in exported if one.correction is not None), None)
+    correction = next(
+        (one.correction for one in exported if one.correction is not None), None
+    )
     layout = measured.layout_of(readings, result) if readings is not None else None
     figures = {
         "functions": function_figures(result, words),
         "field": field_figures(result, correction, words) if result.volume.solid else [],
-        "measured": measured.setup_figures(layout, words, language) if layout is not None else [],
+        "measured": measured.setup_figures(layout, words, language)
+        if layout is not None
+        else [],
         "closure": closure_figures(result, words),
     }
     standards = _standards(result, layout, readings)
@@ -140,11 +144,14 @@ def _each_once(concluded: dict[str, list[str]], language: Language) -> dict[str,
     contains.
     """
     firsts = tuple(
-        catalogue("conclusion", language)[f"verdict_{state}"].partition("{")[0] for state in STATES
+        catalogue("conclusion", language)[f"verdict_{state}"].partition("{")[0]
+        for state in STATES
     )
     return {
         **concluded,
-        "verdict": [sentence for sentence in concluded["verdict"] if sentence.startswith(firsts)],
+        "verdict": [
+            sentence for sentence in concluded["verdict"] if sentence.startswith(firsts)
+        ],
     }
 
 
@@ -163,7 +170,12 @@ def _with_left(
         if left.judged
         else []
     )
-    return {**concluded, "verdict": [*concluded["verdict"], *again], "load": [], "next_step": []}
+    return {
+        **concluded,
+        "verdict": [*concluded["verdict"], *again],
+        "load": [],
+        "next_step": [],
+    }
 
 
 def localised_document(html: str, language: Language) -> str:

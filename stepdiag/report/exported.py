@@ -45,7 +45,9 @@ class Exported:
 def exported_of(written: ExportReport) -> Exported:
     """Return an export in the form for the report."""
     files = read_set(written.out_dir)
-    lattices = [file for file in files if lattice.recognises(file) and not is_restore(file.name)]
+    lattices = [
+        file for file in files if lattice.recognises(file) and not is_restore(file.name)
+    ]
     correction = (
         lattice.parse(lattices[0]).correction_um if lattices else _of_tables(written.tables)
     )
@@ -75,7 +77,9 @@ def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> 
             controller=lattice.NAME,
             files=_listed(files),
             correction=lattice.parse(tables[0]).correction_um,
-            concluded=Export(controller=lattice.NAME, reach=reach, harmed=harmed_in(lone.findings)),
+            concluded=Export(
+                controller=lattice.NAME, reach=reach, harmed=harmed_in(lone.findings)
+            ),
         )
     known = (
         load_profile(profile, controller_for(tables), result.volume)
@@ -84,7 +88,9 @@ def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> 
     )
     found = verify_files(result, tables, known)
     kinds = tuple(dict.fromkeys(table.kind for table in found.tables))
-    untested = kinds if any(Path(file.name).stem.endswith(UNTESTED) for file in tables) else ()
+    untested = (
+        kinds if any(Path(file.name).stem.endswith(UNTESTED) for file in tables) else ()
+    )
     reach = reach_of(found.prediction.predicted)
     concluded = Export(
         controller=found.controller,
@@ -109,7 +115,9 @@ def _is_table(file: ControlFile) -> bool:
 def _listed(files: Sequence[ControlFile]) -> tuple[ExportedFile, ...]:
     return tuple(
         ExportedFile(
-            name=one.name, size_bytes=len(one.data), sha256=hashlib.sha256(one.data).hexdigest()
+            name=one.name,
+            size_bytes=len(one.data),
+            sha256=hashlib.sha256(one.data).hexdigest(),
         )
         for one in files
     )

@@ -74,9 +74,9 @@ class Head(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     number: str = ""
     order: str = ""
     country: Country = ""
-    location: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] = (
-        "customer"
-    )
+    location: Literal[
+        "laboratory", "customer", "laboratoryBranch", "customerBranch", "other"
+    ] = "customer"
     begun: date | None = None
     ended: date | None = None
     issued: date | None = None
@@ -114,7 +114,10 @@ def read_laboratory(path: Path | None) -> Stated:
     if path is None:
         return Stated(file=Laboratory())
     found = convert(read_toml(read_text(path), path.name), Laboratory, path.name)
-    named = [found.certificate.previous_file, *(one.certificate_file for one in found.equipment)]
+    named = [
+        found.certificate.previous_file,
+        *(one.certificate_file for one in found.equipment),
+    ]
     hashes = {name: sha256_of(path.parent / name) for name in named if name}
     return Stated(file=found, name=path.name, sha256=sha256_of(path), hashes=hashes)
 

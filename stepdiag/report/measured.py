@@ -22,7 +22,9 @@ def layout_of(readings: Readings, result: Result) -> Layout:
     return lay_out(readings, "readings", result.volume)
 
 
-def setup_figures(layout: Layout, words: Mapping[str, str], language: Language) -> list[Figure]:
+def setup_figures(
+    layout: Layout, words: Mapping[str, str], language: Language
+) -> list[Figure]:
     """Return a figure per setup: deviation over the distance along the beam, a line per pass; a
     return pass with a new zero is joined to the outward pass.
     """
@@ -45,7 +47,9 @@ def _setup_figure(
             0.0 if key.outward or layout.zero_index[mine[0]] == zero else far
         )
         far, zero = (
-            (float(deviation[-1]), int(layout.zero_index[mine[-1]])) if key.outward else (far, zero)
+            (float(deviation[-1]), int(layout.zero_index[mine[-1]]))
+            if key.outward
+            else (far, zero)
         )
         label = f"{key.number}: {words['outward' if key.outward else 'return']}"
         lines.append(Series(label=label, x=way[np.isin(rows, mine)], y=deviation))

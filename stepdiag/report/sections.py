@@ -105,7 +105,9 @@ def machine_table(result: Result, words: Mapping[str, str]) -> Table:
     return Table(header=(), rows=rows)
 
 
-def conditions_table(result: Result, readings: Readings | None, words: Mapping[str, str]) -> Table:
+def conditions_table(
+    result: Result, readings: Readings | None, words: Mapping[str, str]
+) -> Table:
     """Return the conditions of the survey: ``conditions`` of the result, and the values of the
     readings.
     """
@@ -212,7 +214,13 @@ def squareness_table(result: Result, words: Mapping[str, str]) -> Table:
             )
         )
     return Table(
-        header=(words["name"], words["between"], words["value"], words["expanded"], words["unit"]),
+        header=(
+            words["name"],
+            words["between"],
+            words["value"],
+            words["expanded"],
+            words["unit"],
+        ),
         rows=rows,
     )
 
@@ -253,20 +261,23 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
         return None
     both = {found.tables: found.scales, found.beside: found.other}
     cells = {
-        name: {axis: even(value, u) for axis, value, u in scales} for name, scales in both.items()
+        name: {axis: even(value, u) for axis, value, u in scales}
+        for name, scales in both.items()
     }
     names: tuple[Lengths, ...] = ("as_measured", "at_20_c")
     header = (
         words["axis"],
         *(
-            words[f"lengths_{name}"] + (f" ({words['in_tables']})" if name == found.tables else "")
+            words[f"lengths_{name}"]
+            + (f" ({words['in_tables']})" if name == found.tables else "")
             for name in names
         ),
     )
     return Table(
         header=header,
         rows=[
-            (axis, *(cells[name].get(axis, shown(None)) for name in names)) for axis in AXIS_LETTERS
+            (axis, *(cells[name].get(axis, shown(None)) for name in names))
+            for axis in AXIS_LETTERS
         ],
     )
 
@@ -292,7 +303,11 @@ def positioning_table(
             setup_words(name, language),
             ", ".join(
                 filter(
-                    None, (_standard(facts.standard, words), "" if once else _lengths(facts, words))
+                    None,
+                    (
+                        _standard(facts.standard, words),
+                        "" if once else _lengths(facts, words),
+                    ),
                 )
             ),
             shown(facts.runs),
@@ -320,9 +335,10 @@ def positioning_lengths(standards: Standards, words: Mapping[str, str]) -> str:
 
 
 def _lengths(facts: StandardFigures, words: Mapping[str, str]) -> str:
-    return {"as measured": words["figures_as_measured"], "at 20 C": words["figures_at_20_c"]}.get(
-        facts.lengths or "", ""
-    )
+    return {
+        "as measured": words["figures_as_measured"],
+        "at 20 C": words["figures_at_20_c"],
+    }.get(facts.lengths or "", "")
 
 
 VDI_FIGURES = {
@@ -337,7 +353,9 @@ VDI_FIGURES = {
 not an uncertainty."""
 
 
-def vdi_table(standards: Standards, words: Mapping[str, str], language: Language) -> Table | None:
+def vdi_table(
+    standards: Standards, words: Mapping[str, str], language: Language
+) -> Table | None:
     """Return the figures of VDI/DGQ 3441 of the runs that have them, a row per run; None without
     such runs.
     """
@@ -397,8 +415,13 @@ def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """
     fit = {} if result.fit is None else written(result.fit)
     total = {} if result.scale_sum_um is None else written(result.scale_sum_um)
-    known = [*fit.items(), *((f"scale sum {name}_um", value) for name, value in total.items())]
-    rows = [(_readable(name, words), shown(value)) for name, value in known if value is not None]
+    known = [
+        *fit.items(),
+        *((f"scale sum {name}_um", value) for name, value in total.items()),
+    ]
+    rows = [
+        (_readable(name, words), shown(value)) for name, value in known if value is not None
+    ]
     return table_of((), rows)
 
 
@@ -431,7 +454,9 @@ def unidentified(result: Result, words: Mapping[str, str]) -> list[str]:
         if q.value is None
     ]
     scales = [
-        f"{words['scale']} {name}" for name, scale in result.scale.items() if not scale.identified
+        f"{words['scale']} {name}"
+        for name, scale in result.scale.items()
+        if not scale.identified
     ]
     return [
         *scales,
@@ -456,9 +481,14 @@ def remarks(result: Result, words: Mapping[str, str], language: Language) -> lis
     ]
 
 
-def history_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
+def history_table(
+    result: Result, words: Mapping[str, str], language: Language
+) -> Table | None:
     """Return the past events of the recording, if the result has them (``history``)."""
-    rows = [(one.code, rendered(one.words, language)) for one in (result.history or ())[:MOST_ROWS]]
+    rows = [
+        (one.code, rendered(one.words, language))
+        for one in (result.history or ())[:MOST_ROWS]
+    ]
     return table_of((words["history_code"], words["history_text"]), rows)
 
 
@@ -528,7 +558,9 @@ def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
     """
     if quantity in (SCALE_SUM, VOLUME):
         return words["scale_sum" if quantity == SCALE_SUM else "quantity_volume"]
-    kind, _, name = (f"scale {quantity}" if quantity in AXIS_LETTERS else quantity).rpartition(" ")
+    kind, _, name = (
+        f"scale {quantity}" if quantity in AXIS_LETTERS else quantity
+    ).rpartition(" ")
     return words.get(f"quantity_{kind}", quantity).format(name=name)
 
 
@@ -537,7 +569,9 @@ def source_words(source: str, words: Mapping[str, str]) -> str:
     return words.get(f"source_{source.replace(' ', '_')}", source)
 
 
-def assumptions_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
+def assumptions_table(
+    result: Result, words: Mapping[str, str], language: Language
+) -> Table | None:
     """Return the assumptions of each source of the budget, if the result has them
     (``budget.assumptions``).
     """

@@ -75,7 +75,9 @@ def forecast_table(forecast: Forecast) -> Table:
     for word, names, unit in rows:
         table.add_row(shown(word), *(_u(forecast, name) for name in names), unit)
     for component in "XYZ":
-        cells = ["" if axis == component else _u(forecast, f"E{component}{axis}") for axis in "XYZ"]
+        cells = [
+            "" if axis == component else _u(forecast, f"E{component}{axis}") for axis in "XYZ"
+        ]
         table.add_row(shown(message("row-straightness", axis=component)), *cells, "µm")
     for component, about in zip("ABC", "XYZ", strict=True):
         table.add_row(
@@ -144,7 +146,9 @@ def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
     orders = next((run.driven_orders for run in plan.runs if run.driven_orders), ())
     first = plan.runs[0]
     ways = message("out-and-back" if first.return_pass else "one-way")
-    times = message("times-driven", count=first.repeats, ways=ways) if first.repeats > 1 else ways
+    times = (
+        message("times-driven", count=first.repeats, ways=ways) if first.repeats > 1 else ways
+    )
     return message(
         "lines-driven",
         lines=lines,
@@ -163,13 +167,17 @@ def _kinds(plan: Plan) -> list[Words]:
         if runs:
             shifted = sum(any(run.beam_offset_mm) for run in runs)
             of = message("lines-of-kind", count=len(runs), kind=word)
-            counted.append(message("of-them-shifted", of=of, shifted=shifted) if shifted else of)
+            counted.append(
+                message("of-them-shifted", of=of, shifted=shifted) if shifted else of
+            )
     return counted
 
 
 def _run_words(run: Run) -> Words:
     named = message("setup-named", setup=run.setup)
     shift = " ".join(
-        f"{axis}{value:+g}" for axis, value in zip(AXES, run.beam_offset_mm, strict=True) if value
+        f"{axis}{value:+g}"
+        for axis, value in zip(AXES, run.beam_offset_mm, strict=True)
+        if value
     )
     return message("run-shifted", of=named, shift=shift) if shift else named

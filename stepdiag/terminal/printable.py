@@ -8,7 +8,9 @@ from io import TextIOWrapper
 
 def printable(text: str) -> str:
     """Return a text without characters that control a terminal; line ends stay."""
-    return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in text)
+    return "".join(
+        letter if letter.isprintable() or letter == "\n" else "?" for letter in text
+    )
 
 
 class _PlainStream(TextIOWrapper):

@@ -27,5 +27,9 @@ def counted(items: Iterable[Item], doing: Message, total: int) -> Iterator[Item]
     from rich.progress import track
 
     yield from track(
-        items, description=shown(doing), total=total, console=Console(stderr=True), transient=True
+        items,
+        description=shown(doing),
+        total=total,
+        console=Console(stderr=True),
+        transient=True,
     )

@@ -25,7 +25,10 @@ MARKS: dict[Severity, Message] = {
 
 FEW_ALIKE = 2
 """So many findings of a code show its kind; a table of each axis may carry one."""
-_PARTS = {"without rigid motion": message("without-rigid-motion"), "as it is": message("as-it-is")}
+_PARTS = {
+    "without rigid motion": message("without-rigid-motion"),
+    "as it is": message("as-it-is"),
+}
 
 
 def print_tables(result: Result) -> None:
@@ -55,7 +58,9 @@ def print_findings(findings: Sequence[Finding], *, verbose: bool) -> None:
     """Print findings, the severest first; without ``verbose`` the notes, and all but the first
     `FEW_ALIKE` of a code, as their number."""
     serious = [each for each in findings if each.severity != "info"]
-    first = [each for at, each in enumerate(serious) if _alike(serious[:at], each) < FEW_ALIKE]
+    first = [
+        each for at, each in enumerate(serious) if _alike(serious[:at], each) < FEW_ALIKE
+    ]
     print_words(*finding_lines(findings if verbose else first))
     if verbose:
         return
@@ -76,10 +81,15 @@ def function_table(result: Result) -> Table:
     largest uncertainty, identified parts.
     """
     table = empty_table(message("table-functions"))
-    for name in (*DISPLACEMENTS, *(name for name in result.errors if name not in DISPLACEMENTS)):
+    for name in (
+        *DISPLACEMENTS,
+        *(name for name in result.errors if name not in DISPLACEMENTS),
+    ):
         function = result.errors[name]
         table.add_row(
-            name, *_function_row(name, function), style="" if function.value is not None else "dim"
+            name,
+            *_function_row(name, function),
+            style="" if function.value is not None else "dim",
         )
     return table
 
@@ -95,7 +105,9 @@ def _function_row(name: str, function: Function) -> tuple[str, str, str, str, st
     )
     expanded = None if function.u is None else COVERAGE * float(np.max(function.u))
     known = shown(
-        message("identified-yes") if function.slope_identified else message("identified-shape")
+        message("identified-yes")
+        if function.slope_identified
+        else message("identified-shape")
     )
     straightness = name in DISPLACEMENTS and name[1] != name[2]
     end_shown = _shown(end) if function.slope_identified and not straightness else "-"
@@ -118,7 +130,9 @@ def quantity_table(result: Result) -> Table:
     ]
     for name, value, u, unit in numbers:
         expanded = None if u is None else COVERAGE * u
-        known = shown(message("identified-no") if value is None else message("identified-yes"))
+        known = shown(
+            message("identified-no") if value is None else message("identified-yes")
+        )
         decimals = 2 if expanded is None else decimals_of_u(expanded)
         table.add_row(
             name,
@@ -157,7 +171,9 @@ def effect_table(prediction: Prediction) -> Table:
     """Return the volumetric error before and after, with and without the rigid motion of the
     volume, as intervals in um."""
     what = (
-        message("effect-of-volume") if prediction.drawn.volume.solid else message("effect-of-axes")
+        message("effect-of-volume")
+        if prediction.drawn.volume.solid
+        else message("effect-of-axes")
     )
     table = empty_table(message("table-effect", what=what))
     for name, figures in prediction.predicted.parts().items():

@@ -27,10 +27,16 @@ def viewers_language() -> Language:
     """Return the language that the environment names for messages (POSIX: LC_ALL before LC_MESSAGES
     before LANG), or English."""
     named = next(
-        (value for name in ("LC_ALL", "LC_MESSAGES", "LANG") if (value := os.environ.get(name))), ""
+        (
+            value
+            for name in ("LC_ALL", "LC_MESSAGES", "LANG")
+            if (value := os.environ.get(name))
+        ),
+        "",
     )
     return next(
-        (language for language in LANGUAGES if named.split("_")[0].split(".")[0] == language), "en"
+        (language for language in LANGUAGES if named.split("_")[0].split(".")[0] == language),
+        "en",
     )
 
 

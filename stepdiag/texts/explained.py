@@ -16,7 +16,11 @@ Action = Literal["repeat", "accept", "mend-wiring", "mend-file", "choose", "know
 Severity = Literal["info", "warning", "error"]
 GROUPS = ("recording", "result", "head", "export", "remark")
 """Sources of findings; the last two belong to an export."""
-_OF_AN_EXPORT: dict[Severity, Action] = {"error": "mend-file", "warning": "accept", "info": "know"}
+_OF_AN_EXPORT: dict[Severity, Action] = {
+    "error": "mend-file",
+    "warning": "accept",
+    "info": "know",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -86,7 +86,9 @@ class _Sentences(Mapping[str, dict[Language, Pattern]]):
     def __getitem__(self, key: str) -> dict[Language, Pattern]:
         if key not in self._read:
             words = tomllib.loads(f"words = {self._words[key]}")["words"]
-            self._read[key] = {language: pattern_of(words[language]) for language in LANGUAGES}
+            self._read[key] = {
+                language: pattern_of(words[language]) for language in LANGUAGES
+            }
         return self._read[key]
 
     def __iter__(self) -> Iterator[str]:

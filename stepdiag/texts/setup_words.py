@@ -25,7 +25,9 @@ def setup_words(name: str, language: Language) -> str:
     axes = plane.upper() or "XYZ"
     if len(rest) != len(axes) or set(rest) - {"p", "n"} or kind not in ("", "face", "body"):
         return name
-    begin, end = ("".join(map("".join, zip(axes, signs, strict=True))) for signs in _ends(rest))
+    begin, end = (
+        "".join(map("".join, zip(axes, signs, strict=True))) for signs in _ends(rest)
+    )
     return f"{_KINDS[kind or 'step'][language]} {begin} {_TO[language]} {end} ({name})"
 
 

@@ -39,7 +39,9 @@ def main(arguments: list[str] | None = None) -> int:
     # line
     _print({"event": "ready", **bench.addresses})
     with bench:
-        threading.Thread(target=_listen, args=(bench, done), name="commands", daemon=True).start()
+        threading.Thread(
+            target=_listen, args=(bench, done), name="commands", daemon=True
+        ).start()
         done.wait()
     return 0
 
@@ -52,7 +54,10 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         "--config", type=Path, help="TOML file; without it a machine with all defaults"
     )
     parser.add_argument(
-        "--directory", type=Path, default=Path(), help="where the links of the serial lines appear"
+        "--directory",
+        type=Path,
+        default=Path(),
+        help="where the links of the serial lines appear",
     )
     return parser.parse_args(arguments)
 

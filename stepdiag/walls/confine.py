@@ -59,10 +59,21 @@ def readable_by_program(folder: Path) -> Sequence[Path]:
     """
     libraries = [
         Path(place)
-        for place in (*sys.path, sys.prefix, sys.base_prefix, "/usr", "/lib", "/etc/localtime")
+        for place in (
+            *sys.path,
+            sys.prefix,
+            sys.base_prefix,
+            "/usr",
+            "/lib",
+            "/etc/localtime",
+        )
         if place
     ]
-    return (next(each for each in (folder, *folder.parents) if each.exists()), PROGRAM, *libraries)
+    return (
+        next(each for each in (folder, *folder.parents) if each.exists()),
+        PROGRAM,
+        *libraries,
+    )
 
 
 def confine(readable: Iterable[Path]) -> Sequence[str]:
@@ -121,7 +132,9 @@ def _shut_in(readable: Iterable[Path], calls: int) -> int:
     )
     known = 1 + (version >= 4) + (version >= 6)
     attributes = struct.pack(f"{known}Q", *(disk, _BIND | _CONNECT, _SCOPES)[:known])
-    rules = _call("syscall", _LANDLOCK_CREATE, attributes, len(attributes), 0) if version else -1
+    rules = (
+        _call("syscall", _LANDLOCK_CREATE, attributes, len(attributes), 0) if version else -1
+    )
     if rules < 0:
         return 0
     try:
@@ -129,7 +142,12 @@ def _shut_in(readable: Iterable[Path], calls: int) -> int:
             _allow(rules, path)
         if calls and version >= 4:
             _call(
-                "syscall", _LANDLOCK_ADD, rules, _RULE_PORT, struct.pack("=QQ", _CONNECT, calls), 0
+                "syscall",
+                _LANDLOCK_ADD,
+                rules,
+                _RULE_PORT,
+                struct.pack("=QQ", _CONNECT, calls),
+                0,
             )
         return version if _call("syscall", _LANDLOCK_RESTRICT, rules, 0) == 0 else 0
     finally:
@@ -143,7 +161,14 @@ def _allow(rules: int, path: Path) -> None:
         return  # a path that does not exist needs no rule
     try:
         rights = _READ_FILE | _READ_DIR if path.is_dir() else _READ_FILE
-        _call("syscall", _LANDLOCK_ADD, rules, _RULE_BENEATH, struct.pack("=Qi", rights, place), 0)
+        _call(
+            "syscall",
+            _LANDLOCK_ADD,
+            rules,
+            _RULE_BENEATH,
+            struct.pack("=Qi", rights, place),
+            0,
+        )
     finally:
         os.close(place)
 

@@ -34,7 +34,9 @@ OLD, NEW = r"(?P<position>[0-9.]+)(?=;);.*", r"(?P<position>[0-9.]+);.*"
 def test_a_replacement_stands_for_the_survey_file_of_the_log(tmp_path: Path) -> None:
     """A pattern that looks ahead was allowed once: the refusal names the way, and the way works."""
     log, file = tmp_path / "0001.mcap", tmp_path / "again.toml"
-    write_log(log, [], header=replace(HEADER, survey_text=SURVEY.format(pattern=OLD), run=START))
+    write_log(
+        log, [], header=replace(HEADER, survey_text=SURVEY.format(pattern=OLD), run=START)
+    )
     file.write_text(SURVEY.format(pattern=NEW), encoding="utf-8")
     with pytest.raises(UsageError, match="replay --survey FILE"):
         replay([log])
@@ -69,7 +71,9 @@ def test_a_pattern_that_cannot_be_held_is_named_with_the_way_out_and_the_way_wor
 ) -> None:
     """At the command line, with a log whose stops were captured: the replacement brings back the
     same stops."""
-    (tmp_path / "0001.mcap").write_bytes(with_survey(ALONE.replace(PATTERN, NEVER_READ[pattern])))
+    (tmp_path / "0001.mcap").write_bytes(
+        with_survey(ALONE.replace(PATTERN, NEVER_READ[pattern]))
+    )
     refused = stepdiag("replay", tmp_path / "0001.mcap", "--out", tmp_path / "none")
     assert (refused.code, "replay --survey FILE" in refused.refusal) == (2, True), refused
     good = tmp_path / "good.toml"
@@ -80,7 +84,9 @@ def test_a_pattern_that_cannot_be_held_is_named_with_the_way_out_and_the_way_wor
     assert again.code == 0, again
     (tmp_path / "whole").mkdir()
     (tmp_path / "whole/0001.mcap").write_bytes(with_survey(ALONE))
-    assert stepdiag("replay", tmp_path / "whole/0001.mcap", "--out", tmp_path / "as").code == 0
+    assert (
+        stepdiag("replay", tmp_path / "whole/0001.mcap", "--out", tmp_path / "as").code == 0
+    )
     assert (tmp_path / "again/readings.csv").read_bytes() == (
         tmp_path / "as/readings.csv"
     ).read_bytes()

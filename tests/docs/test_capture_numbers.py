@@ -18,9 +18,15 @@ def numbers():
             if isinstance(node, ast.Assign):
                 target, value = node.targets[0], node.value
                 several = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
-                pairs = zip(target.elts, value.elts, strict=True) if several else [(target, value)]
+                pairs = (
+                    zip(target.elts, value.elts, strict=True)
+                    if several
+                    else [(target, value)]
+                )
                 for name, value in pairs:
-                    if isinstance(value, ast.Constant) and isinstance(value.value, int | float):
+                    if isinstance(value, ast.Constant) and isinstance(
+                        value.value, int | float
+                    ):
                         yield module, name.id
 
 

@@ -26,7 +26,9 @@ FIELDS = {
 
 
 def foxglove() -> list[tuple[str, str]]:
-    panels = json.loads((DOCS / "layouts/foxglove.json").read_text(encoding="utf-8"))["configById"]
+    panels = json.loads((DOCS / "layouts/foxglove.json").read_text(encoding="utf-8"))[
+        "configById"
+    ]
     curves = [curve["value"] for panel in panels.values() for curve in panel.get("paths", ())]
     return [(topic, field) for topic, _, field in (curve.partition(".") for curve in curves)]
 
@@ -37,7 +39,9 @@ def plotjuggler() -> list[tuple[str, str]]:
     return [(topic, field) for topic, _, field in (curve.rpartition("/") for curve in curves)]
 
 
-@pytest.mark.parametrize("curves", [foxglove(), plotjuggler()], ids=["foxglove", "plotjuggler"])
+@pytest.mark.parametrize(
+    "curves", [foxglove(), plotjuggler()], ids=["foxglove", "plotjuggler"]
+)
 def test_every_curve_is_in_a_log(curves: list[tuple[str, str]]) -> None:
     assert curves
     assert set(curves) <= FIELDS
@@ -114,7 +118,8 @@ def served() -> dict[str, set[str]]:
     them."""
     tally = Tally(stops=3, findings={"beam-lost": 2}, surveys={0: 1}, solve_s=2.5)
     links = {
-        name: LinkStatus(state="connected", address="", age_s=0.1) for name in ("laser", "machine")
+        name: LinkStatus(state="connected", address="", age_s=0.1)
+        for name in ("laser", "machine")
     }
     now = Figures(
         samples=10,
@@ -137,7 +142,9 @@ def served() -> dict[str, set[str]]:
     }
 
 
-def test_the_grafana_dashboard_is_whole_and_asks_for_nothing_but_figures_of_the_daemon() -> None:
+def test_the_grafana_dashboard_is_whole_and_asks_for_nothing_but_figures_of_the_daemon() -> (
+    None
+):
     text = (DOCS / "layouts/grafana.json").read_text(encoding="utf-8")
     dashboard = msgspec.json.decode(text, type=Dashboard)
     assert len({panel.id for panel in dashboard.panels}) == len(dashboard.panels)
@@ -148,7 +155,9 @@ def test_the_grafana_dashboard_is_whole_and_asks_for_nothing_but_figures_of_the_
         labels = {each for name in names for each in known.get(name, set())} | {"instance"}
         asked |= names
         assert names <= known.keys(), target.expr
-        assert set(re.findall(r"{{(\w+)}}", target.legendFormat)) <= labels, target.legendFormat
+        assert set(re.findall(r"{{(\w+)}}", target.legendFormat)) <= labels, (
+            target.legendFormat
+        )
         assert set(re.findall(r"\$(\w+)", target.expr)) <= variables, target.expr
         words = set(re.findall(r"[a-z_]+(?=\s*\()", target.expr))
         assert words <= FUNCTIONS, target.expr
@@ -156,7 +165,9 @@ def test_the_grafana_dashboard_is_whole_and_asks_for_nothing_but_figures_of_the_
 
 
 def test_no_panel_of_the_dashboard_lies_on_another() -> None:
-    dashboard = msgspec.json.decode((DOCS / "layouts/grafana.json").read_bytes(), type=Dashboard)
+    dashboard = msgspec.json.decode(
+        (DOCS / "layouts/grafana.json").read_bytes(), type=Dashboard
+    )
     cells = [
         (x, y)
         for p in (panel.gridPos for panel in dashboard.panels)

@@ -22,7 +22,10 @@ CHECKOUT = Path(__file__).parents[2]
 DOCS = CHECKOUT / "docs"
 PAGES = [
     *sorted(DOCS.rglob("*.md")),
-    *(CHECKOUT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md")),
+    *(
+        CHECKOUT / name
+        for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md")
+    ),
 ]
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 READINGS = DATA / "golden_stepdiag_rigidbody_FXYZ.csv"
@@ -67,7 +70,10 @@ def test_the_example_runs_from_its_first_line_to_its_last(
 def test_a_survivor_with_a_reason_is_a_line_of_the_program() -> None:
     told = runpy.run_path(str(CHECKOUT / "tools" / "mutants" / "reasons.py"))["known"]()
     lines = {
-        path: {line.strip() for line in (CHECKOUT / path).read_text(encoding="utf-8").splitlines()}
+        path: {
+            line.strip()
+            for line in (CHECKOUT / path).read_text(encoding="utf-8").splitlines()
+        }
         for path, _, _ in told
     }
     assert len(told) > 20
@@ -105,7 +111,9 @@ def test_the_version_is_the_newest_section_of_the_change_list() -> None:
         flags=re.MULTILINE,
     )
     assert (
-        tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["tool"]["stepdiag"]["release"]
+        tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["tool"]["stepdiag"][
+            "release"
+        ]
         == sections[0]
     )
 
@@ -120,7 +128,9 @@ def test_a_version_without_a_day_is_found() -> None:
 def test_every_link_leads_somewhere(page: Path) -> None:
     text = re.sub(r"```.*?```|`[^`]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     inside = [
-        link for link in LINK.findall(text) if "://" not in link and not link.startswith("mailto:")
+        link
+        for link in LINK.findall(text)
+        if "://" not in link and not link.startswith("mailto:")
     ]
     for link in inside:
         path, _, anchor = link.partition("#")
@@ -131,13 +141,16 @@ def test_every_link_leads_somewhere(page: Path) -> None:
                 r"^#+ (.+)$", target.read_text(encoding="utf-8"), flags=re.MULTILINE
             )
             assert anchor in {
-                re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings
+                re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+                for heading in headings
             }, link
 
 
 def test_the_site_shows_every_page() -> None:
     site = (CHECKOUT / "mkdocs.yml").read_text(encoding="utf-8")
-    listed = re.findall(r": ([\w/-]+\.md)$|- (decisions/[\w-]+\.md)$", site, flags=re.MULTILINE)
+    listed = re.findall(
+        r": ([\w/-]+\.md)$|- (decisions/[\w-]+\.md)$", site, flags=re.MULTILINE
+    )
     assert {str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md")} <= set(chain(*listed))
 
 
@@ -184,9 +197,9 @@ def test_the_readme_names_every_control() -> None:
         name for name in TABLES if name != "neutral" and not any(name in row for row in rows)
     ]
     assert missing == []
-    assert {name for name in TABLES if any(name in row and "| yes" in row for row in rows)} == set(
-        PROGRAMS
-    )
+    assert {
+        name for name in TABLES if any(name in row and "| yes" in row for row in rows)
+    } == set(PROGRAMS)
 
 
 def test_the_readme_begins_with_what_was_met_and_says_it_of_every_row() -> None:
@@ -222,7 +235,9 @@ def test_no_page_gives_the_quick_look_a_step_of_its_own() -> None:
     assert [
         page.name
         for page in pages
-        if re.search(r"^    .*(--step-mm|step_mm=)", page.read_text(encoding="utf-8"), re.MULTILINE)
+        if re.search(
+            r"^    .*(--step-mm|step_mm=)", page.read_text(encoding="utf-8"), re.MULTILINE
+        )
     ] == []
 
 
@@ -239,6 +254,15 @@ def test_the_notebook_runs_from_its_first_cell_to_its_last(beside_readings: Path
         exec(compile(tree, "notebook", "exec"), names)
         if isinstance(last, ast.Expr):
             shown.append(eval(compile(ast.Expression(last.value), "notebook", "eval"), names))
-    shapes = ["Series", "Result", "DataFrame", "Figure", "DataFrame", "tuple", "Figure", "int"]
+    shapes = [
+        "Series",
+        "Result",
+        "DataFrame",
+        "Figure",
+        "DataFrame",
+        "tuple",
+        "Figure",
+        "int",
+    ]
     assert [type(each).__name__ for each in shown] == shapes
     assert shown[-1] == 0

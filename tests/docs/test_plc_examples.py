@@ -82,7 +82,9 @@ def _expression(text):
 def cycled(file, **changed):
     """Return the registers after one cycle of a block, and what it gives back to the program."""
     names = (
-        NOW | {"holding": [0] * 100 + [7], "lastBeat": False, "beats": 11, "cycles": 11} | changed
+        NOW
+        | {"holding": [0] * 100 + [7], "lastBeat": False, "beats": 11, "cycles": 11}
+        | changed
     )
     exec(statements((PLC / file).read_text(encoding="utf-8")), CALLS, names)
     return names["holding"], names["captured"]
@@ -140,7 +142,9 @@ def test_stopped_is_written_after_what_belongs_to_it(file):
     beside a new stop."""
     written = [
         int(number)
-        for number in re.findall(r"holding\[(\d+)\] :=", (PLC / file).read_text(encoding="utf-8"))
+        for number in re.findall(
+            r"holding\[(\d+)\] :=", (PLC / file).read_text(encoding="utf-8")
+        )
     ]
     assert sorted(written) == list(range(14))
     assert written[-1] == 2
@@ -159,7 +163,9 @@ def test_the_flow_says_what_the_machine_is(changed):
     assert flow["inject"]["wires"] == [[flow["function"]["id"]]]
     assert flow["function"]["wires"] == [[flow["modbus-server"]["id"]]]
     names = dict.fromkeys(json.loads(flow["inject"]["payload"]))
-    given = dict(zip(names, (value for name, value in now.items() if name != "beat"), strict=True))
+    given = dict(
+        zip(names, (value for name, value in now.items() if name != "beat"), strict=True)
+    )
     code = (
         "const held = {}; const context = { get: (k) => held[k], set: (k, v) => { held[k] = v; } "
         "};\n"

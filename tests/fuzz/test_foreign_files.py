@@ -20,7 +20,9 @@ def test_a_changed_file_is_read_or_refused(name):
     seed, target, weight = TARGETS[name]
     target(seed)
 
-    @settings(max_examples=max(10, int(EXAMPLES * weight)), suppress_health_check=list(HealthCheck))
+    @settings(
+        max_examples=max(10, int(EXAMPLES * weight)), suppress_health_check=list(HealthCheck)
+    )
     @given(CHANGES)
     def run(changes):
         target(changed(seed, changes))

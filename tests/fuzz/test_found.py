@@ -88,7 +88,8 @@ def test_toml_of_many_dots_that_are_no_names_is_read():
 
 
 @pytest.mark.parametrize(
-    "pattern", ["(?P<position>[a)", "(?P<position>" * 500, "(?P<position>(((a{999}){999}){999}))"]
+    "pattern",
+    ["(?P<position>[a)", "(?P<position>" * 500, "(?P<position>(((a{999}){999}){999}))"],
 )
 def test_a_pattern_that_cannot_be_held_is_refused(pattern):
     text = survey_text().replace(
@@ -104,7 +105,8 @@ def test_a_control_s_name_cannot_lead_out_of_the_folder():
     """The replay of a foreign log wrote REFUSED.txt wherever the log wanted."""
     with pytest.raises(UsageError, match=r"export\[0\]\.controller"):
         parse_survey(
-            survey_text() + '[[export]]\ncontroller = "../../else"\nprofile = "p"\n', "foreign"
+            survey_text() + '[[export]]\ncontroller = "../../else"\nprofile = "p"\n',
+            "foreign",
         )
 
 
@@ -116,7 +118,10 @@ def test_a_name_with_a_nul_is_no_file(tmp_path: Path):
 def test_what_a_profile_names_is_a_file_and_no_pipe_that_never_speaks(tmp_path: Path):
     os.mkfifo(tmp_path / "pipe")
     text = profile_text(
-        "neutral", steps_mm=(100.0, 100.0, 50.0), references_mm=(0.0, 0.0, 0.0), direction="mean"
+        "neutral",
+        steps_mm=(100.0, 100.0, 50.0),
+        references_mm=(0.0, 0.0, 0.0),
+        direction="mean",
     )
     (tmp_path / "p.toml").write_text(text.replace("existing = []", 'existing = ["pipe"]'))
     with pytest.raises(
@@ -169,7 +174,9 @@ def profile(controller: str, old: str, new: str) -> object:
         ("fanuc", "reference_mm = -200.0", f"reference_mm = {10**30}", "axes.X.reference_mm"),
     ],
 )
-def test_a_profile_that_writes_elsewhere_or_without_end_is_refused(controller, old, new, field):
+def test_a_profile_that_writes_elsewhere_or_without_end_is_refused(
+    controller, old, new, field
+):
     with pytest.raises(UsageError, match=f"foreign: {field}: "):
         profile(controller, old, new)
 
@@ -177,7 +184,9 @@ def test_a_profile_that_writes_elsewhere_or_without_end_is_refused(controller, o
 @pytest.mark.parametrize("step", ["1e-9", "1e-300"])
 def test_a_step_that_gives_a_table_without_end_is_refused(step):
     """200,000,000,001 points asked for 1.5 TB."""
-    with pytest.raises(UsageError, match=r"axes\.X\.step_mm: expected at most 20000 sections"):
+    with pytest.raises(
+        UsageError, match=r"axes\.X\.step_mm: expected at most 20000 sections"
+    ):
         profile("neutral", "step_mm = 100.0", f"step_mm = {step}").grid_mm("X")  # type: ignore[attr-defined]
     with pytest.raises(UsageError, match="vertices"):
         lattice.lattice_of(made_result(), float(step))
@@ -185,7 +194,14 @@ def test_a_step_that_gives_a_table_without_end_is_refused(step):
 
 @pytest.mark.parametrize(
     "text",
-    ["{setup:>999999999}", "{setup!r}", "{setup:{count}}", "A\x00", "Ä", "A" * (LONGEST_TEXT + 1)],
+    [
+        "{setup:>999999999}",
+        "{setup!r}",
+        "{setup:{count}}",
+        "A\x00",
+        "Ä",
+        "A" * (LONGEST_TEXT + 1),
+    ],
 )
 def test_a_text_for_the_plc_that_breaks_the_program_is_refused(text):
     with pytest.raises(UsageError, match=r"program\.stand"):
@@ -206,7 +222,9 @@ def test_too_much_beside_a_survey_is_refused_before_it_makes_a_log_that_nobody_c
 
 
 @pytest.mark.parametrize("size", [1_000_001])
-def test_a_calibration_or_a_profile_too_large_to_be_one_is_not_read(tmp_path: Path, size: int):
+def test_a_calibration_or_a_profile_too_large_to_be_one_is_not_read(
+    tmp_path: Path, size: int
+):
     (tmp_path / "big.toml").write_bytes(b"#" * size)
     with pytest.raises(UsageError, match="at most 1000000 bytes"):
         load_profile(tmp_path / "big.toml", CONTROLLERS["neutral"], VOLUME)
@@ -283,7 +301,9 @@ def test_a_lattice_of_rows_that_never_meet_is_not_filled_up():
     """Ten thousand rows of their own places would have been a lattice of 10^12 vertices."""
     rows = "".join(f"{n},{n},{n},0,0,0\n" for n in range(10_000))
     with pytest.raises(DataError, match="a complete lattice"):
-        lattice.parse(ControlFile(name="lattice.csv", data=f"{lattice.HEADER}\n{rows}".encode()))
+        lattice.parse(
+            ControlFile(name="lattice.csv", data=f"{lattice.HEADER}\n{rows}".encode())
+        )
 
 
 def test_remarks_that_never_end_cost_no_time():
@@ -383,7 +403,9 @@ def changed(path: list[str], value: str) -> str:
         (["fit"], "[" * 50 + "]" * 50, "fit: expected an object"),
         (
             ["budget"],
-            '{"assumptions": {}, "combined": {}, "shares": {"EXX": {"air": ' + "9" * 400 + "}}}",
+            '{"assumptions": {}, "combined": {}, "shares": {"EXX": {"air": '
+            + "9" * 400
+            + "}}}",
             "a finite number",
         ),
         (["setups"], '{"ppp": 3}', "setups.ppp: expected an object"),
@@ -410,7 +432,9 @@ def test_a_log_that_names_a_file_it_does_not_bring_costs_that_export_alone(tmp_p
     )
 
 
-@pytest.mark.parametrize("note", [b"", b"[]", b"{}", b'{"window_from_mono_ns": "x"}', b"[" * 3000])
+@pytest.mark.parametrize(
+    "note", [b"", b"[]", b"{}", b'{"window_from_mono_ns": "x"}', b"[" * 3000]
+)
 def test_notes_that_no_recorder_wrote_are_refused(tmp_path: Path, note: bytes):
     log = tmp_path / "0001.mcap"
     log.write_bytes(log_of(contents(recorded()) + b"\n/machine/stop " + note))
@@ -440,7 +464,13 @@ BYTES = {
     "after_us": [0],
     "data": ["x"],
 }
-BLOCKS = {**BYTES, "recv_us": [0], "answer_us": [0], "ranges": "holding 0 1", "data": ["0000"]}
+BLOCKS = {
+    **BYTES,
+    "recv_us": [0],
+    "answer_us": [0],
+    "ranges": "holding 0 1",
+    "data": ["0000"],
+}
 
 
 @pytest.mark.parametrize(
@@ -519,7 +549,9 @@ def test_nor_is_it_the_host_of_a_line_or_a_broker(host: str):
 
 
 @pytest.mark.parametrize("directory", ["x" * 256, "a/" + "ä" * 128, "a/" * 1001, "a\\u0000b"])
-def test_a_folder_that_no_file_system_takes_is_refused_when_the_survey_is_read(directory: str):
+def test_a_folder_that_no_file_system_takes_is_refused_when_the_survey_is_read(
+    directory: str,
+):
     """`status` said that the name is too long; the daemon ended with a traceback."""
     with pytest.raises(UsageError, match=r"survey\.directory"):
         parse_survey(

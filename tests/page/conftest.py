@@ -55,7 +55,9 @@ def resting(serving: Served) -> Iterator[list[tuple[Watched, Page]]]:
 
 
 @pytest.fixture
-def page(browser: Browser, resting: list[tuple[Watched, Page]], daemon: Served) -> Iterator[Page]:
+def page(
+    browser: Browser, resting: list[tuple[Watched, Page]], daemon: Served
+) -> Iterator[Page]:
     """The page as a desk computer shows it, its first picture drawn; it remembers nothing of the
     test before."""
     watching, shown = resting.pop() if resting else (Watched(browser), None)

@@ -18,12 +18,16 @@ def events(received: bytes) -> list[tuple[str, dict[str, object]]]:
         dict(line.split(": ", 1) for line in block.split("\n"))
         for block in received.decode().strip().split("\n\n")
     ]
-    return [(block["event"], json.loads(block["data"])) for block in blocks if "event" in block]
+    return [
+        (block["event"], json.loads(block["data"])) for block in blocks if "event" in block
+    ]
 
 
 @given(
     st.lists(
-        st.tuples(st.sampled_from(["now", "survey"]), st.integers(0, 999)), min_size=1, max_size=50
+        st.tuples(st.sampled_from(["now", "survey"]), st.integers(0, 999)),
+        min_size=1,
+        max_size=50,
     )
 )
 def test_a_mailbox_holds_the_newest_of_each_kind(puts: list[tuple[str, int]]) -> None:

@@ -45,7 +45,9 @@ def values_at(page: Page, chart: str, *, key: str = "") -> list[str]:
     return page.locator(f"{chart} .u-legend .u-series:not(.bound) .u-value").all_inner_texts()
 
 
-def test_every_chart_says_its_values_under_pointer_and_key(page: Page, daemon: Served) -> None:
+def test_every_chart_says_its_values_under_pointer_and_key(
+    page: Page, daemon: Served
+) -> None:
     """Deviations, the last ten seconds, noise, functions of the result: hover or arrow keys,
     figures as the language writes them."""
     page.locator("#language").click()
@@ -75,7 +77,8 @@ def table_of(page: Page, figure: str) -> list[list[str]]:
     with page.expect_download() as handed:
         page.locator(f"{figure} a.csv").click()
     return [
-        line.split(",") for line in handed.value.path().read_text(encoding="utf-8").splitlines()
+        line.split(",")
+        for line in handed.value.path().read_text(encoding="utf-8").splitlines()
     ]
 
 
@@ -130,7 +133,8 @@ def test_drawings_of_the_volume_say_their_values_and_every_figure_has_its_table(
     for figure in ("#function-EXX", "#function-EZZ", "#field-before"):
         name = figure.removeprefix("#function-").removeprefix("#")
         written = re.search(
-            rf'download="{name}.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)"', report
+            rf'download="{name}.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)"',
+            report,
         )
         assert written is not None
         shown, wanted = (
@@ -148,9 +152,12 @@ def test_drawings_of_the_volume_say_their_values_and_every_figure_has_its_table(
     before.press("End")
     x, y, z, *vector = map(float, shown[-1])
     said = (
-        "; ".join(f"{part:.2f}" for part in vector) + f" µm, |E| = {np.linalg.norm(vector):.2f} µm"
+        "; ".join(f"{part:.2f}" for part in vector)
+        + f" µm, |E| = {np.linalg.norm(vector):.2f} µm"
     )
-    words = f"X; Y; Z = {x:.0f}; {y:.0f}; {z:.0f} mm: {said}".replace("-", "−").replace(".", ",")
+    words = f"X; Y; Z = {x:.0f}; {y:.0f}; {z:.0f} mm: {said}".replace("-", "−").replace(
+        ".", ","
+    )
     expect(value).to_have_text(words)
     for event in ("pointermove", "pointerleave"):
         before.dispatch_event(event, {"pointerType": "mouse"})
@@ -220,7 +227,9 @@ def test_a_chart_zooms_and_comes_back_by_key(page: Page, daemon: Served) -> None
     page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 20, steps=4)
     page.mouse.up()
     expect(chart).not_to_have_attribute("data-range", "[1,31]")
-    marks = page.wait_for_function("() => window.below.length > 1 && window.below").json_value()
+    marks = page.wait_for_function(
+        "() => window.below.length > 1 && window.below"
+    ).json_value()
     assert [mark for mark in marks if not mark.isdigit()] == []
     part = chart.get_attribute("data-range")
     daemon.do(lambda: daemon.survey.stop("npp", 1, 20))

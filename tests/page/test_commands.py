@@ -32,7 +32,9 @@ def ask(
     daemon: Served, method: str, path: str, body: bytes = b"", token: str | None = None
 ) -> tuple[int, dict[str, str], bytes]:
     """Return status, headers and body of one request."""
-    connection = http.client.HTTPConnection(daemon.address.removeprefix("http://"), timeout=60)
+    connection = http.client.HTTPConnection(
+        daemon.address.removeprefix("http://"), timeout=60
+    )
     headers = {"Origin": daemon.address} | (
         {"Authorization": f"Bearer {quote(token)}"} if token is not None else {}
     )
@@ -71,7 +73,9 @@ def test_a_changed_survey_file_is_shown_and_applied(page: Page, daemon: Served) 
     expect(page.locator("#operator")).to_have_value("A. Machinist")
     page.locator("#correct").click()
     expect(page.locator("#answer")).to_have_text("Done.")
-    assert daemon.do(lambda: list(daemon.survey.ordered)) == [("correct", {"name": "A. Machinist"})]
+    assert daemon.do(lambda: list(daemon.survey.ordered)) == [
+        ("correct", {"name": "A. Machinist"})
+    ]
     daemon.do(lambda: daemon.survey.publish(corrects=()))
     expect(page.locator("#correct")).to_be_hidden()
     expect(page.locator("#correction")).to_be_empty()
@@ -83,13 +87,19 @@ def test_a_further_setup_is_offered_between_two_passes_and_taken(
     """What it brings stands in the card, in the viewer's language; a person with the token may take
     it, but none while a pass runs."""
     line = message(
-        "ahead-shifted", setup="ppp", offset=[message("ahead-offset", size_mm=150.0, axis="z")]
+        "ahead-shifted",
+        setup="ppp",
+        offset=[message("ahead-offset", size_mm=150.0, axis="z")],
     )
     words = message("ahead-next", line=line, now_um=2.2, then_um=0.9, minutes=33.0)
     offer = AheadStatus(
-        words=message("ahead-angles", angles_urad=30.0, what=words), setup="ppp+1", further=True
+        words=message("ahead-angles", angles_urad=30.0, what=words),
+        setup="ppp+1",
+        further=True,
     )
-    daemon.do(lambda: daemon.survey.publish(phase="waiting-program", recording=False, ahead=offer))
+    daemon.do(
+        lambda: daemon.survey.publish(phase="waiting-program", recording=False, ahead=offer)
+    )
     expect(page.locator("#ahead")).to_have_text(
         "Angles of about 30 µrad. Largest gain: diagonal X−Y−Z− to X+Y+Z+ (ppp) on a line "
         "shifted by 150 mm in z. 2.2 -> 0.9 µm, 33 min."
@@ -178,7 +188,9 @@ def test_a_refusal_says_why(watched: Watched, daemon: Served) -> None:
     """What the daemon cannot do now is told in its words."""
     page = watched.open(daemon.address)
     unlock(page)
-    refusal = UsageError("start", expected=message("closed-paused"), found=message("found-running"))
+    refusal = UsageError(
+        "start", expected=message("closed-paused"), found=message("found-running")
+    )
     daemon.do(lambda: setattr(daemon.survey, "refusal", refusal))
     daemon.do(lambda: daemon.survey.publish(phase="paused"))
     page.locator("#start").click()
@@ -193,7 +205,9 @@ def test_a_refusal_says_why(watched: Watched, daemon: Served) -> None:
     watched.complaints = [one for one in watched.complaints if "409" not in one]
 
 
-def test_the_conclusion_is_words_and_open_to_everybody(watched: Watched, daemon: Served) -> None:
+def test_the_conclusion_is_words_and_open_to_everybody(
+    watched: Watched, daemon: Served
+) -> None:
     """The card says "read the conclusion": there it is, without the token. Curves and files stay
     locked."""
     daemon.do(daemon.survey.complete)
@@ -255,8 +269,12 @@ def test_a_wrong_token_opens_nothing(watched: Watched, daemon: Served) -> None:
     watched.complaints = [one for one in watched.complaints if "403" not in one]
     body = json.dumps({"name": "start", "arguments": {}}).encode()
     wrong = (None, "", "guess", TOKEN + " ", TOKEN[:-1])
-    with ThreadPoolExecutor(len(wrong)) as guessing:  # each is answered later than the one before
-        answers = guessing.map(lambda token: ask(daemon, "POST", "/command", body, token)[0], wrong)
+    with ThreadPoolExecutor(
+        len(wrong)
+    ) as guessing:  # each is answered later than the one before
+        answers = guessing.map(
+            lambda token: ask(daemon, "POST", "/command", body, token)[0], wrong
+        )
         assert list(answers) == [403] * len(wrong)
     assert daemon.do(lambda: daemon.survey.ordered) == []
 
@@ -313,7 +331,9 @@ def test_only_what_is_listed_can_be_fetched(daemon: Served, path: str) -> None:
 
 
 def listed_by(daemon: Served) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = json.loads(ask(daemon, "GET", "/downloads.json", token=TOKEN)[2])
+    found: list[dict[str, Any]] = json.loads(
+        ask(daemon, "GET", "/downloads.json", token=TOKEN)[2]
+    )
     return found
 
 

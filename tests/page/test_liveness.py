@@ -90,7 +90,10 @@ def test_a_dead_daemon_is_seen_and_its_return_too(watched: Watched, tmp_path: Pa
             page = watched.open(running.address)
             took = lived_until(page, OFFLINE, serving.close)
         offline = page.locator("#offline")
-        assert page.locator("[data-source].stale").count() == page.locator("[data-source]").count()
+        assert (
+            page.locator("[data-source].stale").count()
+            == page.locator("[data-source]").count()
+        )
         with served(tmp_path, port=port) as again:
             again.do(lambda: again.survey.publish(reading_mm=77.0))
             expect(offline).to_be_hidden()

@@ -61,9 +61,13 @@ def finished(folder: Path, *, angles: bool) -> Path:
     result = solve(readings, angles=bench.angles(1.0) if angles else None)
     (place / "result.json").write_text(result.to_json(), encoding="utf-8")
     out = place / "exports" / "siemens"
-    written = export(result, "siemens", None, step_mm=25.0, out_dir=out, today=date(2026, 1, 1))
+    written = export(
+        result, "siemens", None, step_mm=25.0, out_dir=out, today=date(2026, 1, 1)
+    )
     write_completed_report(
-        Completed(folder=place, recorded=place, result=result, exports=(written,), refusals={})
+        Completed(
+            folder=place, recorded=place, result=result, exports=(written,), refusals={}
+        )
     )
     return place
 
@@ -92,13 +96,17 @@ def test_every_place_says_the_same_figure(
     report = re.sub(r"<[^>]+>", " ", (place / "report.html").read_text(encoding="utf-8"))
     assert read(AFTER["en"], report) == read(REPORTED, report) == promised
     files = place / "exports" / "siemens"
-    assert read(EXPORTED, (files / "EXPORT_REPORT.txt").read_text(encoding="utf-8")) == promised
+    assert (
+        read(EXPORTED, (files / "EXPORT_REPORT.txt").read_text(encoding="utf-8")) == promised
+    )
     verified = stepdiag("verify", place / "result.json", files).out
     assert read(VERIFIED, verified) + read(VERIFIED_LARGEST, verified) == promised
     watching = Watched(browser)
     with served(place) as daemon:
         daemon.do(
-            lambda: daemon.survey.publish(phase="complete", expects_setup="", result_ready=True)
+            lambda: daemon.survey.publish(
+                phase="complete", expects_setup="", result_ready=True
+            )
         )
         page = watching.open(daemon.address)
         reached = page.locator("#conclusion .reached li").nth(1)

@@ -47,7 +47,9 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
     expect(page.locator("#time-left")).to_have_text("about 10 min")
     daemon.do(daemon.survey.complete)
     expect(page.locator("#lead")).to_have_text("Done: all passes are in")
-    expect(page.locator("#advice")).to_contain_text("Next step: Make the sign test on siemens")
+    expect(page.locator("#advice")).to_contain_text(
+        "Next step: Make the sign test on siemens"
+    )
     expect(page.locator("#conclusion .reached li").last).to_contain_text(
         "1.3 to 2.6 µm (rms, k = 2)"
     )
@@ -106,7 +108,9 @@ def test_a_control_gets_one_bundle_whose_sums_hold(
         )
         assert checked.returncode == 0, checked.stdout + checked.stderr
         held[name] = {
-            path.name: path.read_bytes() for path in place.iterdir() if path.name != "SHA256SUMS"
+            path.name: path.read_bytes()
+            for path in place.iterdir()
+            if path.name != "SHA256SUMS"
         }
         assert sorted(held[name]) == sorted(
             line.removesuffix(": OK") for line in checked.stdout.splitlines()
@@ -118,7 +122,9 @@ def test_a_control_gets_one_bundle_whose_sums_hold(
     assert {"_RESTORE" in name for name in restore} == {True}
     written = daemon.survey.place / "exports" / "siemens"
     assert load | restore == {
-        path.name: path.read_bytes() for path in written.iterdir() if path.name != "SHA256SUMS"
+        path.name: path.read_bytes()
+        for path in written.iterdir()
+        if path.name != "SHA256SUMS"
     }
 
 
@@ -139,7 +145,9 @@ def test_findings_appear_in_words(page: Page, daemon: Served) -> None:
     assert page.locator("main img, main b").count() == 0
 
 
-def test_findings_of_one_cause_stand_together_with_their_stops(page: Page, daemon: Served) -> None:
+def test_findings_of_one_cause_stand_together_with_their_stops(
+    page: Page, daemon: Served
+) -> None:
     """Eight stops without a count are one finding, the newest cause first; what does not fit is
     behind "all"."""
     older = [
@@ -183,7 +191,9 @@ def test_both_languages(page: Page, daemon: Served) -> None:
     expect(page.locator("#lead")).to_have_text("Justieren, dann Programm O8002 starten")
     expect(page.locator("#air")).to_have_text("20,41 °C")
     named = "/dev/ttyUSB1"
-    settings = message("port-settings", port=named, baud=115200, latency=message("low-latency"))
+    settings = message(
+        "port-settings", port=named, baud=115200, latency=message("low-latency")
+    )
     daemon.do(
         lambda: daemon.survey.publish(
             head=LinkStatus(state="connected", address=named, age_s=0.1, detail=settings)

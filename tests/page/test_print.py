@@ -74,7 +74,9 @@ def pages_of(document: Path) -> tuple[list[str], list[float]]:
 
 def torn(texts: Sequence[str], *tables: Sequence[str]) -> list[Sequence[str]]:
     """Return the tables whose rows stand on no page all together."""
-    return [rows for rows in tables if not any(all(row in text for row in rows) for text in texts)]
+    return [
+        rows for rows in tables if not any(all(row in text for row in rows) for text in texts)
+    ]
 
 
 @pytest.mark.page
@@ -92,7 +94,9 @@ def test_the_certificates_last_page(
     assert exported.concluded is not None
     concluded = conclude(before, [exported.concluded])
     left = as_left("after.json", conclude(before), concluded.reach)
-    page = build_as_left(before, before, left, concluded, exported=[exported], language=language)
+    page = build_as_left(
+        before, before, left, concluded, exported=[exported], language=language
+    )
     document, *_ = write_report(page, tmp_path / "left.html")
     texts, filled = pages_of(document)
     words = catalogue("report", language)
@@ -101,7 +105,9 @@ def test_the_certificates_last_page(
         for text in (words["as_left_title"], words["left_gain_same"], words["predicted"])
         if text not in texts[0]
     ] == []
-    assert torn(texts, ("C0Y", "B0Z", "A0Z"), [file.name for file in exported.files]) == [], texts
+    assert torn(texts, ("C0Y", "B0Z", "A0Z"), [file.name for file in exported.files]) == [], (
+        texts
+    )
     assert min([1.0, *filled[:-1]]) > HALF, filled
 
 
@@ -153,23 +159,34 @@ def test_a_table_that_goes_on_has_its_head_again_and_no_row_torn(tmp_path: Path)
         for row, name in enumerate(names)
     }
     document, *_ = write_report(
-        build_report(made_up_result(standards=rows), source="r.json"), tmp_path / "report.html"
+        build_report(made_up_result(standards=rows), source="r.json"),
+        tmp_path / "report.html",
     )
     texts, _ = pages_of(document)
     held = [[name for name in names if name in text] for text in texts]
     over = [page for page, found in enumerate(held) if found]
     assert len(over) > 2
-    assert sorted(name for found in held for name in found) == names, "every row stands on one page"
+    assert sorted(name for found in held for name in found) == names, (
+        "every row stands on one page"
+    )
     for page in over:
         assert [
-            name for name in held[page] if not {f"{name}a", f"{name}z"} <= set(texts[page].split())
+            name
+            for name in held[page]
+            if not {f"{name}a", f"{name}z"} <= set(texts[page].split())
         ] == []
-        assert "Setup By Runs E / µm" in texts[page], "the head stands above the rows of every page"
+        assert "Setup By Runs E / µm" in texts[page], (
+            "the head stands above the rows of every page"
+        )
 
 
-def test_a_report_named_as_a_pdf_is_one(tmp_path: Path, measured: tuple[Result, object]) -> None:
+def test_a_report_named_as_a_pdf_is_one(
+    tmp_path: Path, measured: tuple[Result, object]
+) -> None:
     """`report --out x.pdf`: the print alone, under that name, and no folder."""
-    written = write_report(build_report(measured[0], source="result.json"), tmp_path / "x.pdf")
+    written = write_report(
+        build_report(measured[0], source="result.json"), tmp_path / "x.pdf"
+    )
     assert written == [tmp_path / "x.pdf"]
     assert list(tmp_path.iterdir()) == written
     assert written[0].read_bytes().startswith(b"%PDF-")

@@ -85,7 +85,9 @@ def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> 
         page.context.close()  # before the daemon ends, which the page would complain about
 
 
-def test_the_page_asks_what_is_active_before_the_first_pass(tmp_path: Path, real: Watched) -> None:
+def test_the_page_asks_what_is_active_before_the_first_pass(
+    tmp_path: Path, real: Watched
+) -> None:
     """A survey that does not say whether a compensation is on says so on the page, in both
     languages, before anything is driven."""
     port = reserved_port()
@@ -134,10 +136,14 @@ def test_a_killed_daemon_comes_back_to_the_page(tmp_path: Path, real: Watched) -
             page = real.open(f"http://127.0.0.1:{port}")
             offline = "!document.getElementById('offline').hidden"
             assert (
-                lived_until(page, offline, lambda: os.kill(process.process.pid, signal.SIGKILL))
+                lived_until(
+                    page, offline, lambda: os.kill(process.process.pid, signal.SIGKILL)
+                )
                 < 1.0
             )
             process.process.wait()
         with daemon(place.survey):
             expect(page.locator("#offline")).to_be_hidden()
-            expect(page.locator("#lead")).to_contain_text("Set up diagonal X−Y−Z− to X+Y+Z+ (ppp)")
+            expect(page.locator("#lead")).to_contain_text(
+                "Set up diagonal X−Y−Z− to X+Y+Z+ (ppp)"
+            )

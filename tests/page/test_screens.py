@@ -17,7 +17,9 @@ SIZES = {"phone": (390, 844), "tablet": (820, 1180), "wall": (1920, 1080)}
 @pytest.mark.parametrize(
     ("size", "scheme"), [("phone", "dark"), ("tablet", "light"), ("wall", "dark")]
 )
-def test_contrast_and_labels(watched: Watched, daemon: Served, size: str, scheme: str) -> None:
+def test_contrast_and_labels(
+    watched: Watched, daemon: Served, size: str, scheme: str
+) -> None:
     """axe-core finds nothing, neither while all is live nor while all is old and an alarm, and
     nothing is wider than the screen.
 
@@ -54,7 +56,9 @@ def test_advice_that_is_old_can_still_be_read(
     assert violations(page) == []
 
 
-def test_the_smallest_phone_needs_no_sideways_scrolling(watched: Watched, daemon: Served) -> None:
+def test_the_smallest_phone_needs_no_sideways_scrolling(
+    watched: Watched, daemon: Served
+) -> None:
     """320 px: the reading still fits in one line."""
     page = watched.open(daemon.address, width=320, height=568)
     daemon.do(lambda: daemon.survey.publish(reading_mm=-12345.67891))
@@ -74,7 +78,9 @@ def test_the_advice_can_be_read_from_two_metres(watched: Watched, daemon: Served
     page = watched.open(daemon.address, width=1920, height=1080)
     daemon.do(lambda: daemon.survey.stop("npp", 1, 12))
     for place in ("#lead", "#advice"):
-        size = page.locator(place).evaluate("one => parseFloat(getComputedStyle(one).fontSize)")
+        size = page.locator(place).evaluate(
+            "one => parseFloat(getComputedStyle(one).fontSize)"
+        )
         minutes = math.degrees(math.atan(size * CAPITAL * MM_A_PIXEL / 2000.0)) * 60.0
         assert minutes >= 16.0, (place, size, minutes)
 

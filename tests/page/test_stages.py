@@ -27,7 +27,14 @@ from stepdiag.daq.records.status import (
 )
 from stepdiag.daq.service.geometry import geometry
 from stepdiag.page.stage import Say, headline
-from stepdiag.page.view import FAST_FIELDS, SHAPED, SLOW_FIELDS, grouped, now_view, survey_view
+from stepdiag.page.view import (
+    FAST_FIELDS,
+    SHAPED,
+    SLOW_FIELDS,
+    grouped,
+    now_view,
+    survey_view,
+)
 from stepdiag.texts import LANGUAGES, catalogue
 from stepdiag.texts.patterns import sentences
 from stepdiag.texts.texts import Language
@@ -62,7 +69,12 @@ RUNNING: dict[str, Any] = {"phase": "waiting-stop", "expects_stop": 6, "moving_a
         ({"beam_lost": True, "beam": 0.0}, "set-up", False, "Set up npp"),
         ({"beam": 0.2}, "set-up", False, "Set up npp"),
         ({}, "align", False, "Align, then start program O8002"),
-        ({"beam": None, "program": ""}, "align", False, "Align, then start the program of npp"),
+        (
+            {"beam": None, "program": ""},
+            "align",
+            False,
+            "Align, then start the program of npp",
+        ),
         (RUNNING, "drive", False, "To stop 7 of 31, out"),
         ({**RUNNING, "phase": "dwelling"}, "drive", False, "Measuring stop 7 of 31, out"),
         ({**RUNNING, "beam_lost": True}, "trouble", True, "Beam lost"),
@@ -94,8 +106,18 @@ RUNNING: dict[str, Any] = {"phase": "waiting-stop", "expects_stop": 6, "moving_a
         ({"phase": "paused"}, "set-up", False, "Paused"),
         ({"phase": "solving"}, "done", False, "Computing the result"),
         ({"phase": "complete"}, "done", False, "Done: all passes are in"),
-        ({"phase": "complete", "proof": "info"}, "done", False, "Proof run done: keep the tables"),
-        ({"phase": "complete", "proof": "warning"}, "done", False, "Proof run done: not decided"),
+        (
+            {"phase": "complete", "proof": "info"},
+            "done",
+            False,
+            "Proof run done: keep the tables",
+        ),
+        (
+            {"phase": "complete", "proof": "warning"},
+            "done",
+            False,
+            "Proof run done: not decided",
+        ),
         (
             {"phase": "complete", "proof": "error"},
             "done",
@@ -123,7 +145,11 @@ def test_a_broken_pass_says_from_where_to_repeat(
     """Once the pass is over, the card says what to repeat; nothing burns any more."""
     drives = (
         DriveStatus(
-            setup="npp", pass_number=1, from_stop=again_from, stops=31 - again_from, again=True
+            setup="npp",
+            pass_number=1,
+            from_stop=again_from,
+            stops=31 - again_from,
+            again=True,
         ),
     )
     found = headline(snapshot(tmp_path, to_drive=drives))
@@ -165,7 +191,9 @@ def test_the_card_asks_nobody_for_what_the_viewer_cannot_do(
 def test_an_alarm_names_no_register(language: Language) -> None:
     """Whoever stands at the machine has no list of registers."""
     page = catalogue("page", language)
-    shown = [words for key, words in page.items() if key.startswith(("alarm_", "do_", "phase_"))]
+    shown = [
+        words for key, words in page.items() if key.startswith(("alarm_", "do_", "phase_"))
+    ]
     shown += [
         "".join(literal for literal, _ in pattern[language])
         for key, pattern in sentences().items()
@@ -229,7 +257,8 @@ def test_the_set_up_names_the_next_hand(
 ) -> None:
     """Which way the laser looks, what is mounted, which program is started."""
     assert (
-        words(headline(snapshot(tmp_path, expects_setup=setup, program=program)).advice) == advice
+        words(headline(snapshot(tmp_path, expects_setup=setup, program=program)).advice)
+        == advice
     )
 
 
@@ -283,10 +312,14 @@ def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None
         say("beam-lost", why=say("beam-was-lost")),
         Place(setup="npp", way="out", stop=5, last=30),
     )
-    finding = FindingStatus(code="beam-lost", severity="error", text=str(lost), message=lost, at=at)
+    finding = FindingStatus(
+        code="beam-lost", severity="error", text=str(lost), message=lost, at=at
+    )
     refused = say(
         "refusal-with-code",
-        refusal=say("refusal", where="p.toml: axes.X.step_mm", expected="57.5 mm", found="60 mm"),
+        refusal=say(
+            "refusal", where="p.toml: axes.X.step_mm", expected="57.5 mm", found="60 mm"
+        ),
         code="x",
     )
     now = snapshot(
@@ -345,7 +378,9 @@ def drive(daemon: Served) -> None:
 
 def trouble(daemon: Served) -> None:
     drive(daemon)
-    daemon.do(lambda: daemon.survey.publish(counts_to=5, beam_lost=True, findings=COUNTS_LOST))
+    daemon.do(
+        lambda: daemon.survey.publish(counts_to=5, beam_lost=True, findings=COUNTS_LOST)
+    )
 
 
 def done(daemon: Served) -> None:

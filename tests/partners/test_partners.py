@@ -104,7 +104,9 @@ async def exchanged(module, settings, ranges, address, value):
     link = await module.open_link(settings, ranges)
     try:
         polls = [(await link.read()).data[0] for _ in range(3)]
-        await link.write_word("holding" if module is modbus else ranges[0].table, address, value)
+        await link.write_word(
+            "holding" if module is modbus else ranges[0].table, address, value
+        )
         return polls
     finally:
         link.close()
@@ -278,7 +280,10 @@ def test_prometheus_evaluates_every_panel_of_the_dashboard(tmp_path):
             ) as answer:
                 figures = answer.read()
             linted = subprocess.run(
-                ["promtool", "check", "metrics"], input=figures, capture_output=True, check=False
+                ["promtool", "check", "metrics"],
+                input=figures,
+                capture_output=True,
+                check=False,
             )
             assert (linted.returncode, linted.stdout + linted.stderr) == (0, b"")
             # a rate has no value before its second scrape; a good survey has no findings
@@ -286,7 +291,9 @@ def test_prometheus_evaluates_every_panel_of_the_dashboard(tmp_path):
             empty: list[str] = []
             while empty != ["Findings, by code"] and time.monotonic_ns() < until_ns:
                 time.sleep(0.5)
-                empty = [title for title, expression in panels() if not query(port, expression)]
+                empty = [
+                    title for title, expression in panels() if not query(port, expression)
+                ]
     assert empty == ["Findings, by code"]
 
 
@@ -302,7 +309,9 @@ def panels():
 
 
 def query(port, expression):
-    url = f"http://127.0.0.1:{port}/api/v1/query?" + urllib.parse.urlencode({"query": expression})
+    url = f"http://127.0.0.1:{port}/api/v1/query?" + urllib.parse.urlencode(
+        {"query": expression}
+    )
     with urllib.request.urlopen(url, timeout=PATIENCE_S) as answer:
         told = json.load(answer)
     assert told["status"] == "success", told
@@ -325,7 +334,9 @@ def prometheus(folder, port, scraped):
         f"--storage.tsdb.path={folder / 'tsdb'}",
         f"--web.listen-address=127.0.0.1:{port}",
     ]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as run:
         try:
             _listening(port)
             yield
@@ -365,7 +376,10 @@ def test_polars_reads_the_store(store):
         [pl.read_parquet(path, hive_partitioning=False) for path in root.glob(FILES)],
         how="diagonal",
     )
-    assert rows.filter(pl.col("quantity") == "EXX").sort("position_mm")["value"].to_list() == values
+    assert (
+        rows.filter(pl.col("quantity") == "EXX").sort("position_mm")["value"].to_list()
+        == values
+    )
 
 
 def test_pandas_reads_the_store(store):

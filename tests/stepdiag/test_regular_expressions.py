@@ -41,7 +41,10 @@ def patterns(tree: ast.AST) -> list[tuple[int, str]]:
         if isinstance(inner, ast.Constant) and isinstance(inner.value, str | bytes)
     ]
     return [
-        (each.lineno, each.value if isinstance(each.value, str) else str(each.value, "latin-1"))
+        (
+            each.lineno,
+            each.value if isinstance(each.value, str) else str(each.value, "latin-1"),
+        )
         for each in literals
     ]
 

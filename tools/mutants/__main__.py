@@ -42,7 +42,9 @@ def files(words: list[str]) -> list[str]:
     are any."""
     found = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
     names = [str(path.relative_to(ROOT)) for path in found]
-    return [name for name in names if not words or any(name.startswith(word) for word in words)]
+    return [
+        name for name in names if not words or any(name.startswith(word) for word in words)
+    ]
 
 
 def warm() -> None:
@@ -87,14 +89,18 @@ def reach(keep: bool, jobs: int) -> Map:
         if keep and targets[-1].exists():
             continue
         if not (child := os.fork()):
-            os._exit(record(ROOT, [folder], [str(ROOT / room) for room in ROOMS], targets[-1]))
+            os._exit(
+                record(ROOT, [folder], [str(ROOT / room) for room in ROOMS], targets[-1])
+            )
         children[child] = folder
         if len(children) >= jobs:
             ended()
     while children:
         ended()
     if failed:
-        raise SystemExit(f"{' and '.join(failed)} fail as they are: nothing can be said of changes")
+        raise SystemExit(
+            f"{' and '.join(failed)} fail as they are: nothing can be said of changes"
+        )
     return Map(targets)
 
 
@@ -111,7 +117,9 @@ def judged(keep: bool) -> dict[str, str]:
     if not keep or not record_file.exists():
         return {}
     told = [json.loads(line) for line in record_file.read_text(encoding="utf-8").splitlines()]
-    return {one["name"]: one["outcome"] for one in told if one["outcome"] in {"killed", "timeout"}}
+    return {
+        one["name"]: one["outcome"] for one in told if one["outcome"] in {"killed", "timeout"}
+    }
 
 
 def run(todo: list[Mutation], reached: Map, jobs: int) -> None:
@@ -133,7 +141,9 @@ def run(todo: list[Mutation], reached: Map, jobs: int) -> None:
                 + "\n"
             )
             results.flush()
-            print(f"{outcome} {one.path}:{one.line} {one.operator} {seconds:.1f} s", flush=True)
+            print(
+                f"{outcome} {one.path}:{one.line} {one.operator} {seconds:.1f} s", flush=True
+            )
 
         for asked in questions:
             if not asked.tests:
@@ -176,7 +186,8 @@ def main() -> int:
     began = time.monotonic()
     run(
         sorted(
-            (one for one in drawn if one.name not in outcomes), key=lambda one: one.rank(told.seed)
+            (one for one in drawn if one.name not in outcomes),
+            key=lambda one: one.rank(told.seed),
         ),
         reached,
         told.jobs,

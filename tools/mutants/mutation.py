@@ -33,7 +33,16 @@ BINARY = {
     "BitOr": ["BitAnd"],
     "BitXor": ["BitAnd"],
 }
-BETWEEN = {"arith_expr", "term", "power", "expr", "and_expr", "xor_expr", "shift_expr", "expr_stmt"}
+BETWEEN = {
+    "arith_expr",
+    "term",
+    "power",
+    "expr",
+    "and_expr",
+    "xor_expr",
+    "shift_expr",
+    "expr_stmt",
+}
 COMPARISON = {
     "Eq": ["NotEq"],
     "NotEq": ["Eq"],
@@ -90,9 +99,13 @@ class DropStatement(Operator):
 
 
 def _operators() -> dict[str, Operator]:
-    names = [f"ReplaceBinaryOperator_{old}_{new}" for old, news in BINARY.items() for new in news]
+    names = [
+        f"ReplaceBinaryOperator_{old}_{new}" for old, news in BINARY.items() for new in news
+    ]
     names += [
-        f"ReplaceComparisonOperator_{old}_{new}" for old, news in COMPARISON.items() for new in news
+        f"ReplaceComparisonOperator_{old}_{new}"
+        for old, news in COMPARISON.items()
+        for new in news
     ]
     return {name: plugins.get_operator(f"core/{name}")() for name in names + OTHERS} | {
         "DropStatement": DropStatement()
@@ -143,7 +156,9 @@ def _declared(node: ast.AST) -> list[ast.expr]:
             for option in node.keywords
             if option.arg in {"frozen", "kw_only", "eq", "slots", "gc"}
         ]
-    return [one for one in found if isinstance(one, ast.expr) and "Annotated" not in ast.dump(one)]
+    return [
+        one for one in found if isinstance(one, ast.expr) and "Annotated" not in ast.dump(one)
+    ]
 
 
 def _hidden(tree: ast.Module) -> list[tuple[tuple[int, int], tuple[int, int]]]:
@@ -200,5 +215,7 @@ def draw(groups: dict[str, list[Mutation]], count: int, seed: int) -> list[Mutat
     return [
         one
         for path, group in groups.items()
-        for one in sorted(group, key=lambda one: one.rank(seed))[: taken[path] + (path in rest)]
+        for one in sorted(group, key=lambda one: one.rank(seed))[
+            : taken[path] + (path in rest)
+        ]
     ]

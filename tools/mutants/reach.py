@@ -69,7 +69,9 @@ def record(root: Path, tests: list[str], sources: list[str], target: Path) -> in
     """Run the tests and write what they reach to ``target``. Returns pytest's exit code. Changes
     this process: call it in a child."""
     os.chdir(root)
-    cover = coverage.Coverage(data_file=None, source=sources, config_file=False, messages=False)
+    cover = coverage.Coverage(
+        data_file=None, source=sources, config_file=False, messages=False
+    )
     plugin = Reach(cover)
     cover.start()
     code = pytest.main([*QUICK, *tests], plugins=[plugin])

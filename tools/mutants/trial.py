@@ -59,7 +59,9 @@ def question(root: Path, mutation: Mutation, reach: Map) -> Question:
     all that touch the file."""
     lines = function((root / mutation.path).read_text(encoding="utf-8"), mutation.line)
     tests = reach.tests(mutation.path, lines)
-    return Question(mutation, tests, sum(reach.seconds[test] for test in tests), lines is not None)
+    return Question(
+        mutation, tests, sum(reach.seconds[test] for test in tests), lines is not None
+    )
 
 
 def _functions(code: CodeType) -> Iterator[CodeType]:
@@ -97,10 +99,12 @@ def exchange(path: Path, source: str) -> int:
 
 def _same(before: CodeType, after: CodeType) -> bool:
     plain = [
-        [one for one in code.co_consts if not isinstance(one, CodeType)] for code in (before, after)
+        [one for one in code.co_consts if not isinstance(one, CodeType)]
+        for code in (before, after)
     ]
     inner = [
-        [one for one in code.co_consts if isinstance(one, CodeType)] for code in (before, after)
+        [one for one in code.co_consts if isinstance(one, CodeType)]
+        for code in (before, after)
     ]
     alike = (
         before.co_code == after.co_code
@@ -113,7 +117,10 @@ def _same(before: CodeType, after: CodeType) -> bool:
 def change(path: Path, source: str) -> None:
     """Have this process import other code than the file holds, under whatever name it is
     imported."""
-    code, honest = compile(source, str(path), "exec", dont_inherit=True), SourceFileLoader.get_code
+    code, honest = (
+        compile(source, str(path), "exec", dont_inherit=True),
+        SourceFileLoader.get_code,
+    )
 
     def get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
         mine = loader.path.endswith(path.name) and path.samefile(loader.path)
@@ -140,7 +147,9 @@ def anew(root: Path, asked: Question) -> int:
     """In a child in which nothing is imported yet: return what pytest says of the changed file."""
     change(root / asked.mutation.path, asked.mutation.apply(root))
     files = sorted({test.partition("::")[0] for test in asked.tests})
-    return int(pytest.main([*QUICK, "-x", "--tb=no", *files], plugins=[Selected(asked.tests)]))
+    return int(
+        pytest.main([*QUICK, "-x", "--tb=no", *files], plugins=[Selected(asked.tests)])
+    )
 
 
 def at_once(session: pytest.Session, root: Path, asked: Question) -> int:
@@ -237,7 +246,9 @@ class Collected:
         return True
 
 
-def ask(root: Path, tests: list[str], questions: list[Question], jobs: int, told: Told) -> None:
+def ask(
+    root: Path, tests: list[str], questions: list[Question], jobs: int, told: Told
+) -> None:
     """Try the changes. Imports nothing of the program here."""
     trials, within = Trials(root, jobs, told), [asked for asked in questions if asked.within]
     if within and not (child := os.fork()):
@@ -246,4 +257,6 @@ def ask(root: Path, tests: list[str], questions: list[Question], jobs: int, told
         os._exit(0)
     if within and os.waitpid(child, 0)[1]:
         raise SystemExit("some tests cannot be collected: nothing can be said of changes")
-    trials.run([asked for asked in questions if not asked.within], lambda asked: anew(root, asked))
+    trials.run(
+        [asked for asked in questions if not asked.within], lambda asked: anew(root, asked)
+    )

@@ -33,10 +33,16 @@ def write(floor: str, words: list[str]) -> None:
         path = FOLDER / floor / f"{name}.json"
         before = json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
         given = (
-            before["input"] if before else json.loads(rendered({"input": plain(made())}))["input"]
+            before["input"]
+            if before
+            else json.loads(rendered({"input": plain(made())}))["input"]
         )
         output = json.loads(rendered({"output": plain(calls[call](given))}))["output"]
-        if before and before["call"] == call and not list(differences(before["output"], output)):
+        if (
+            before
+            and before["call"] == call
+            and not list(differences(before["output"], output))
+        ):
             output = before["output"]  # rounding on another processor is no news
         path.parent.mkdir(parents=True, exist_ok=True)
         text = rendered({"about": about, "call": call, "input": given, "output": output})
@@ -54,7 +60,9 @@ def write(floor: str, words: list[str]) -> None:
 def main(words: list[str]) -> None:
     """Write what the words name: a floor, and cases of it."""
     floors = sorted(
-        path.stem for path in Path(__file__).parent.glob("*.py") if not path.stem.startswith("_")
+        path.stem
+        for path in Path(__file__).parent.glob("*.py")
+        if not path.stem.startswith("_")
     )
     for floor in [words[0]] if words else floors:
         write(floor, words[1:])

@@ -10,7 +10,9 @@ from _capture_kit import FIXED, NOMINAL, SENSOR, UNCOMPENSATED, Case
 from testkit.timeline import STOPPED_ONLY, diagonal
 
 TRUTH, BACK = diagonal("ppp", n=2), diagonal("ppp", n=2, back=True)
-COUNTED = STOPPED_ONLY + "[plc.signals.stop_count]\naddress = 1\n[plc.signals.setup]\naddress = 3\n"
+COUNTED = (
+    STOPPED_ONLY + "[plc.signals.stop_count]\naddress = 1\n[plc.signals.setup]\naddress = 3\n"
+)
 SIGNALS = {"whole": "", "counted": COUNTED, "stopped": STOPPED_ONLY}
 STARTS = [round(1.0 + 1.1 * k, 1) for k in range(12)]
 """Arrivals: a lead of 1 s, then 0.7 s of dwell and 0.4 s of move."""
@@ -26,7 +28,9 @@ rate_hz = 50.0
 """
 SILENT = [["poll_hz = 40\n", 'transport = "none"\n']]
 
-OVERRUN = replace(TRUTH[-1], reading=TRUTH[-1].reading + 3.0, seconds=0.1, shown=False, counts=0)
+OVERRUN = replace(
+    TRUTH[-1], reading=TRUTH[-1].reading + 3.0, seconds=0.1, shown=False, counts=0
+)
 BEYOND = replace(TRUTH[4], reading=TRUTH[4].reading + 3.0, seconds=0.1, shown=False, counts=0)
 BEFORE = replace(TRUTH[0], reading=TRUTH[0].reading - 3.0, seconds=0.1, shown=False, counts=0)
 TURNED = [*TRUTH, *BACK[1:]]
@@ -52,12 +56,20 @@ def _case(
             int(each.shown),
         ]
         rows.append(
-            [*each.position, round(each.reading, 4), *(rest if rest != [1, 0.7, 1, 1] else [])]
+            [
+                *each.position,
+                round(each.reading, 4),
+                *(rest if rest != [1, 0.7, 1, 1] else []),
+            ]
         )
     survey = {"signals": signals} if signals else {}
     survey |= {"back": True} if back else {}
     survey |= told.pop("of_survey", {})
-    return f"log-{name}", "log", {"survey": survey, "machine": machine or {}, "stops": rows} | told
+    return (
+        f"log-{name}",
+        "log",
+        {"survey": survey, "machine": machine or {}, "stops": rows} | told,
+    )
 
 
 def _at(stop: int, since_s: float) -> float:
@@ -68,7 +80,8 @@ def _passes() -> Iterator[Case]:
     """Yield one pass out, as each kind of signals shows it."""
     hidden = [replace(stop, shown=k != 3) for k, stop in enumerate(TRUTH)]
     past = [
-        replace(stop, seconds=0.02 if k == 4 else 0.8, shown=k != 4) for k, stop in enumerate(TRUTH)
+        replace(stop, seconds=0.02 if k == 4 else 0.8, shown=k != 4)
+        for k, stop in enumerate(TRUTH)
     ]
     held = replace(
         TRUTH[3],
@@ -101,7 +114,9 @@ def _passes() -> Iterator[Case]:
         yield _case(f"hidden-first-{words}", first, signals=signals)
         yield _case(f"hidden-two-{words}", two, signals=signals)
     yield _case(
-        "unwatched-twice", TRUTH[:5], machine={"move_s": 2.0, "deaf": [[7.2, 7.9], [8.1, 8.95]]}
+        "unwatched-twice",
+        TRUTH[:5],
+        machine={"move_s": 2.0, "deaf": [[7.2, 7.9], [8.1, 8.95]]},
     )
     yield _case(
         "beam-lost",
@@ -182,7 +197,10 @@ def _machines() -> Iterator[Case]:
         for words in ("counted", "stopped"):
             if words == "stopped" or name in ("poll-gaps", "slips"):
                 yield _case(
-                    f"{name}-{words}", TRUTH[:6], signals=SIGNALS[words], machine=machines[name]
+                    f"{name}-{words}",
+                    TRUTH[:6],
+                    signals=SIGNALS[words],
+                    machine=machines[name],
                 )
 
 
@@ -220,7 +238,11 @@ def _two_ways() -> Iterator[Case]:
         yield _case(f"both-{name}", stops, back=True, machine=machine)
         if name not in ("back-first", "turned-hidden"):
             yield _case(
-                f"both-{name}-stopped", stops, back=True, signals=STOPPED_ONLY, machine=machine
+                f"both-{name}-stopped",
+                stops,
+                back=True,
+                signals=STOPPED_ONLY,
+                machine=machine,
             )
     yield _case(
         "one-log",
@@ -246,7 +268,11 @@ def _two_ways() -> Iterator[Case]:
         ("behind", TRUTH[1:4], {}),
         ("on", TRUTH[4:], {}),
         ("again", TRUTH[3:], {}),
-        ("lost", TRUTH[4:], {"breaks": [{"time_ns": 1, "reason": "told before", "watched": True}]}),
+        (
+            "lost",
+            TRUTH[4:],
+            {"breaks": [{"time_ns": 1, "reason": "told before", "watched": True}]},
+        ),
         ("off", [replace(stop, reading=stop.reading + 31.0) for stop in TRUTH[4:]], {}),
     ):
         for words in ("whole", "stopped", "counted"):
@@ -263,14 +289,18 @@ def _two_ways() -> Iterator[Case]:
                 machine={"lead_s": 0.0 if name == "behind" else 0.6},
             )
     for words in ("whole", "stopped"):
-        stops = [replace(stop, seconds=2.2) if k == 1 else stop for k, stop in enumerate(TRUTH[:4])]
+        stops = [
+            replace(stop, seconds=2.2) if k == 1 else stop for k, stop in enumerate(TRUTH[:4])
+        ]
         breaks = {"beam_lost": [[2.9, 2.92], [3.6, 3.62]]}
         yield _case(f"breaks-inside-{words}", stops, signals=SIGNALS[words], machine=breaks)
         yield _case(
             f"breaks-inside-unseen-{words}",
             stops,
             signals=SIGNALS[words],
-            machine={"links": [[2.9, "laser", "lost", "gone"], [3.6, "laser", "lost", "gone"]]},
+            machine={
+                "links": [[2.9, "laser", "lost", "gone"], [3.6, "laser", "lost", "gone"]]
+            },
         )
 
 
@@ -296,7 +326,10 @@ def _goes_on() -> Iterator[Case]:
                     machine={"lead_s": 0.6},
                 )
     start = {"hints": {"ppp": back}, "last_count": 65530, "beyond": False}
-    for name, machine in (("sparse", {"rate_hz": 25.0}), ("lost", {"beam_lost": [[0.2, 0.3]]})):
+    for name, machine in (
+        ("sparse", {"rate_hz": 25.0}),
+        ("lost", {"beam_lost": [[0.2, 0.3]]}),
+    ):
         for words, stops in (("turned", BACK[1:5]), ("again", BACK[:4])):
             yield _case(
                 f"{words}-not-beyond-{name}",
@@ -312,7 +345,9 @@ def _goes_on() -> Iterator[Case]:
     ]
     for k in (0, 1, 2):
         stops = (
-            [*edges[:k], past[k], *edges[k:], *ends[1:]] if k else [*edges, *ends, past[0], *edges]
+            [*edges[:k], past[k], *edges[k:], *ends[1:]]
+            if k
+            else [*edges, *ends, past[0], *edges]
         )
         yield _case(
             f"both-edges-from-beyond-{k}",
@@ -321,7 +356,9 @@ def _goes_on() -> Iterator[Case]:
             of_survey={"n": 1},
             machine={"rate_hz": 40.0},
         )
-    yield _case("setup-goes-on", [*TRUTH[:4], *OTHER[:3]], of_survey={"setups": ["ppp", "npp"]})
+    yield _case(
+        "setup-goes-on", [*TRUTH[:4], *OTHER[:3]], of_survey={"setups": ["ppp", "npp"]}
+    )
 
 
 def _handshakes() -> Iterator[Case]:
@@ -353,15 +390,22 @@ def _handshakes() -> Iterator[Case]:
     for name, machine in machines.items():
         yield _case(f"shaken-{name}", TRUTH[:5], signals=whole, machine=machine)
     skips = {"skip_open_dwell": True, "last_count": 65531}
-    yield _case("shaken-skips-open", TRUTH[:4], signals=whole, start=skips, machine={"lead_s": 0.0})
+    yield _case(
+        "shaken-skips-open", TRUTH[:4], signals=whole, start=skips, machine={"lead_s": 0.0}
+    )
     stands = [*TRUTH[:3], *(replace(stop, seconds=1.3) for stop in OTHER[:3])]
-    yield _case("shaken-setup-goes-on", stands, signals=whole, of_survey={"setups": ["ppp", "npp"]})
+    yield _case(
+        "shaken-setup-goes-on", stands, signals=whole, of_survey={"setups": ["ppp", "npp"]}
+    )
     long = [replace(stop, seconds=2.6) for stop in TRUTH[:3]]
     yield _case(
         "shaken-long",
         long,
         signals=whole,
-        machine={"noise_um": 3.0, "slips": [[2.0, 0.01], [2.5, -0.01], [3.0, 0.01], [5.5, 0.02]]},
+        machine={
+            "noise_um": 3.0,
+            "slips": [[2.0, 0.01], [2.5, -0.01], [3.0, 0.01], [5.5, 0.02]],
+        },
     )
 
 
@@ -381,7 +425,8 @@ def _begun() -> Iterator[Case]:
     }
     yield _case("breaks-before", TRUTH[:4], start=told)
     moved = [
-        replace(stop, position=(stop.position[0] + 0.3, *stop.position[1:])) for stop in TRUTH[:4]
+        replace(stop, position=(stop.position[0] + 0.3, *stop.position[1:]))
+        for stop in TRUTH[:4]
     ]
     swapped = replace(TRUTH[1], position=(0.0, 100.0, 0.0), reading=100.0 * 200.0 / 374.1657)
     for name, stops in (
@@ -402,7 +447,11 @@ def _others() -> Iterator[Case]:
         ("overrun", OVERRAN[:11], {}),
         ("lost", TRUTH, {"beam_lost": [[_at(3, 0.8), _at(3, 0.9)]]}),
         ("restless", TRUTH, {"noise_um": 2.0, "slips": [[_at(4, 0.4), 0.5]]}),
-        ("held", [*TRUTH[:3], replace(TRUTH[3], reading=TRUTH[2].reading + 9.0), *TRUTH[3:]], {}),
+        (
+            "held",
+            [*TRUTH[:3], replace(TRUTH[3], reading=TRUTH[2].reading + 9.0), *TRUTH[3:]],
+            {},
+        ),
     ):
         yield _case(
             f"silent-{name}",
@@ -442,7 +491,11 @@ def _others() -> Iterator[Case]:
             "machine": never if name == "dark" else moving if name == "saturated" else {},
         }
         yield _case(
-            f"head-{name}", runs, of_survey={"n": 3, "setups": ["fourdof-z"]}, added=head, **told
+            f"head-{name}",
+            runs,
+            of_survey={"n": 3, "setups": ["fourdof-z"]},
+            added=head,
+            **told,
         )
     turned = [*runs, *runs[2::-1]]
     wide = {"rate_hz": 50.0, "lateral": [*lateral, *lateral]}
@@ -532,7 +585,9 @@ def _by_laser() -> Iterator[Case]:
         "again": {"acts": [*out[:4], out[2], out[3], out[4], *out[5:], end]},
         "lost": {"acts": [*out[:4], [levels[3], 0.05, 0.0, 0.0], *out[4:], end]},
         "lost-at-first": {"acts": [out[0], [levels[0], 0.05, 0.0, 0.0], *out, end]},
-        "lost-at-last": {"acts": [*out, [levels[6], 0.05, 0.0, 0.0], [levels[6], 0.05, 1.0], end]},
+        "lost-at-last": {
+            "acts": [*out, [levels[6], 0.05, 0.0, 0.0], [levels[6], 0.05, 1.0], end]
+        },
         "wrong-sign": {"acts": [[-level, 0.3, 1.0] for level in levels]},
         "elsewhere": {"acts": [[3.0 * level, 0.3, 1.0] for level in levels]},
         "back-known": {"hint": known, "level_mm": levels[-1], "acts": [*back, away]},
@@ -542,7 +597,8 @@ def _by_laser() -> Iterator[Case]:
             "level_mm": levels[-1],
             "acts": [[levels[-1] + 5.0, 0.3, 0.2], *back, away],
         },
-        "back-breaks": turn | {"level_mm": 0.0, "breaks": [[1, "b", True]], "acts": [*back, away]},
+        "back-breaks": turn
+        | {"level_mm": 0.0, "breaks": [[1, "b", True]], "acts": [*back, away]},
         "back-late": turn
         | {"level_mm": levels[-1] + 0.5, "acts": [[levels[-1], 0.1, 1.0], *back[1:], away]},
         "back-soon": turn
@@ -558,16 +614,34 @@ def _by_laser() -> Iterator[Case]:
         },
         "held-late": {"acts": [*out[:6], [levels[5] + 5.0, 0.2, 1.0], out[6], end]},
         "shaken-shortly": {
-            "acts": [*out[:3], [levels[2] + 0.05, 0.01, 0.01], [levels[2], 0.01, 0.7], out[3], end]
+            "acts": [
+                *out[:3],
+                [levels[2] + 0.05, 0.01, 0.01],
+                [levels[2], 0.01, 0.7],
+                out[3],
+                end,
+            ]
         },
         "shaken-less": {
-            "acts": [*out[:3], [levels[2] + 0.015, 0.01, 0.01], [levels[2], 0.01, 0.7], out[3], end]
+            "acts": [
+                *out[:3],
+                [levels[2] + 0.015, 0.01, 0.01],
+                [levels[2], 0.01, 0.7],
+                out[3],
+                end,
+            ]
         },
         "back-unwatched": turn | {"breaks": [[1, "b", False]], "acts": [*back, away]},
         "goes-on-instead": turn
         | {"acts": [[levels[-1] + 26.7, 0.3, 1.0], [levels[-1] + 60.0, 0.3, 1.0]]},
         "drives-out-again": turn
-        | {"acts": [[-1000.0, 0.5, 1.0], *([level - 900.0, 0.3, 1.0] for level in levels), end]},
+        | {
+            "acts": [
+                [-1000.0, 0.5, 1.0],
+                *([level - 900.0, 0.3, 1.0] for level in levels),
+                end,
+            ]
+        },
         "middle": {
             "hint": {"next_stop": 3, "last_reading_mm": levels[2], "known": {"2": levels[2]}},
             "level_mm": levels[2],
@@ -577,12 +651,20 @@ def _by_laser() -> Iterator[Case]:
         | {"acts": [[levels[-1] + 13.363, 0.3, 1.0], [levels[-1] + 26.7, 0.3, 1.0]]},
         "back-held": turn
         | {"acts": [[400.0, 0.3, 0.1], *back[:1], [365.0, 0.3, 1.0], *back[1:], away]},
-        "marked": {"marked": True, "acts": [*out[:4], [out[3][0] + 0.03, 0.2, 0.4], *out[4:], end]},
+        "marked": {
+            "marked": True,
+            "acts": [*out[:4], [out[3][0] + 0.03, 0.2, 0.4], *out[4:], end],
+        },
         "marked-back": turn | {"marked": True, "acts": [*back[:4], away]},
         "slow-rate": {"rate_hz": 25, "acts": [*out, end]},
         "linear": {
             "setup": "linear-x",
-            "acts": [[0.0, 0.3, 1.0], [150.0, 0.3, 1.0], [300.0, 0.3, 1.0], [260.0, 0.3, 1.0]],
+            "acts": [
+                [0.0, 0.3, 1.0],
+                [150.0, 0.3, 1.0],
+                [300.0, 0.3, 1.0],
+                [260.0, 0.3, 1.0],
+            ],
         },
     }
     for name, told in cases.items():
@@ -592,5 +674,14 @@ def _by_laser() -> Iterator[Case]:
 
 def inputs() -> Iterator[Case]:
     """Yield the name of every case, who plays it, and its input."""
-    for cases in (_by_laser, _passes, _machines, _two_ways, _goes_on, _handshakes, _begun, _others):
+    for cases in (
+        _by_laser,
+        _passes,
+        _machines,
+        _two_ways,
+        _goes_on,
+        _handshakes,
+        _begun,
+        _others,
+    ):
         yield from cases()

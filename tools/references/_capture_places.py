@@ -69,7 +69,10 @@ def _routes() -> Iterator[Case]:
         }
         told = (
             route
-            | {"origin_mm": [0.0, 0.0, 0.0] if outward else [5.0, -10.0, 20.0], "places": places}
+            | {
+                "origin_mm": [0.0, 0.0, 0.0] if outward else [5.0, -10.0, 20.0],
+                "places": places,
+            }
             | more
         )
         yield f"route-{setup}-{'out' if outward else 'back'}", "routes", told
@@ -81,9 +84,13 @@ def _routes() -> Iterator[Case]:
         "places": places[:5],
         "pairs": 2,
     }
-    beyond: list[Any] = [[1.0, 0.0, [a, b]] for a, b in ((0, 1), (0, 2), (1, 2), (1, 3), (2, 3))]
+    beyond: list[Any] = [
+        [1.0, 0.0, [a, b]] for a, b in ((0, 1), (0, 2), (1, 2), (1, 3), (2, 3))
+    ]
     yield "route-short", "routes", short | {"shares": beyond, "absolutes": [5.0]}
-    pairs_of = [(nominal, off) for nominal in (0.0, 1.0, -50.0, 100.0) for off in (0.019, 0.021)]
+    pairs_of = [
+        (nominal, off) for nominal in (0.0, 1.0, -50.0, 100.0) for off in (0.019, 0.021)
+    ]
     agreeing = [
         [measured, nominal]
         for nominal, off in pairs_of
@@ -131,7 +138,11 @@ def _turns() -> Iterator[Case]:
         yield (
             f"positions-{'bare' if bare else 'mapped'}",
             "positions",
-            {"route": BOX, "bare": bare, "stops": [[k % 7, off] for k, off in enumerate(offs)]},
+            {
+                "route": BOX,
+                "bare": bare,
+                "stops": [[k % 7, off] for k, off in enumerate(offs)],
+            },
         )
     rounded = [
         [k % 7, [off, 0.0, 0.0]]
@@ -157,12 +168,22 @@ def _names() -> Iterator[Case]:
         yield (
             f"names-{name}-again",
             "names",
-            {"route": BOX, "spots": SPOTS, "last_count": 8, "looks": [*looks[:4], *looks[1:]]},
+            {
+                "route": BOX,
+                "spots": SPOTS,
+                "last_count": 8,
+                "looks": [*looks[:4], *looks[1:]],
+            },
         )
         yield (
             f"names-{name}-missed",
             "names",
-            {"route": BOX, "spots": SPOTS, "last_count": 8, "looks": [*looks[:2], *looks[4:]]},
+            {
+                "route": BOX,
+                "spots": SPOTS,
+                "last_count": 8,
+                "looks": [*looks[:2], *looks[4:]],
+            },
         )
         held = [None, looks[2][1], 0.5 * (NOMINAL[2] + NOMINAL[3])]
         yield (
@@ -199,7 +220,8 @@ def _names() -> Iterator[Case]:
         {
             "route": cube,
             "looks": [
-                [None, None, each, *([True] if k == 3 else [])] for k, each in enumerate(steps)
+                [None, None, each, *([True] if k == 3 else [])]
+                for k, each in enumerate(steps)
             ],
         },
     )
@@ -232,7 +254,11 @@ def _finders() -> Iterator[Case]:
             }
         },
         "middle": {
-            "ppp": {"next_stop": 3, "last_reading_mm": 133.6, "known": {"2": 133.6, "1": 80.2}}
+            "ppp": {
+                "next_stop": 3,
+                "last_reading_mm": 133.6,
+                "known": {"2": 133.6, "1": 80.2},
+            }
         },
         "middle-back": {
             "ppp": {

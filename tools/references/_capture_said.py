@@ -51,7 +51,9 @@ def _conditions() -> Iterator[Case]:
         return (
             f"conditions-{name}",
             "conditions",
-            {"good": GOOD, "stops": stops} | ({"changed": UNCOMPENSATED} if air else {}) | more,
+            {"good": GOOD, "stops": stops}
+            | ({"changed": UNCOMPENSATED} if air else {})
+            | more,
         )
 
     silent = dict.fromkeys(GOOD, "nan")
@@ -78,7 +80,9 @@ def _conditions() -> Iterator[Case]:
     ]
     yield case("expansion", warm, air=False, added="[machine]\napply_expansion = true\n")
     creeping = [[{"air_pressure_hpa": 990.0 + 0.4 * k}, 10.0 * k + 10] for k in range(7)]
-    restless = [[{"air_pressure_hpa": 990.0 + 2.1 * (k % 2)}, 10.0 * k + 100] for k in range(9)]
+    restless = [
+        [{"air_pressure_hpa": 990.0 + 2.1 * (k % 2)}, 10.0 * k + 100] for k in range(9)
+    ]
     yield case("agreed", [[{}, 0.0], *creeping, [{}, 90.0], *restless])
     air = [
         [{"air_temperature_c": 28.4}, 1800.0],
@@ -103,7 +107,10 @@ def _conditions() -> Iterator[Case]:
             f"hour-{name.replace('_', '-')}",
             [
                 [{}, 0.0],
-                *([{name: GOOD[name] + off}, s] for off, s in ((beyond, 1800.0), (within, 3600.0))),
+                *(
+                    [{name: GOOD[name] + off}, s]
+                    for off, s in ((beyond, 1800.0), (within, 3600.0))
+                ),
             ],
         )
     yield case("fixed", [[{"air_pressure_hpa": 5.0}, 0.0]], air=False, added=FIXED)
@@ -117,7 +124,10 @@ def _conditions() -> Iterator[Case]:
     pressures = ("nan", 0.0, "nan", "nan", 1013.0, 5.0, 5.0, 1013.0, 5.0)
     yield case(
         "silent-then-wrong",
-        [[absent | {"air_pressure_hpa": value}, 5000.0 + k] for k, value in enumerate(pressures)],
+        [
+            [absent | {"air_pressure_hpa": value}, 5000.0 + k]
+            for k, value in enumerate(pressures)
+        ],
         air=False,
         credible=before,
     )
@@ -142,7 +152,11 @@ def _told() -> Iterator[Case]:
         "now_ms": [100_000, 99_999, 100_001, 160_000, 161_000],
         "signals": {"air_temperature_c": 3.0},
     }
-    yield "sensors", "sensors", {"surveys": surveys, "told": [list(each) for each in times]} | told
+    yield (
+        "sensors",
+        "sensors",
+        {"surveys": surveys, "told": [list(each) for each in times]} | told,
+    )
     few = STOPPED_ONLY + "[plc.signals.x_mm]\naddress = 4\n"
     stopped: dict[str, Any] = {"survey": {"signals": STOPPED_ONLY}}
     cube, square = [200.0, 200.0, 200.0], [200.0, 300.0, 200.0]
@@ -167,7 +181,9 @@ def _told() -> Iterator[Case]:
         {"survey": {"size": cube, "signals": few}},
     ]
     yield "unsaid", "unsaid", unsaid
-    record = '{"hints": {"ppp": {}}, "last_count": 5, "skip_open_dwell": true, "beyond": false}'
+    record = (
+        '{"hints": {"ppp": {}}, "last_count": 5, "skip_open_dwell": true, "beyond": false}'
+    )
     yield (
         "starts",
         "starts",
@@ -175,7 +191,15 @@ def _told() -> Iterator[Case]:
             {},
             *(
                 {"start": text}
-                for text in ("", "{", "{}", '{"hints": {}}', record, "[" * 300, '{"hints": 5}')
+                for text in (
+                    "",
+                    "{",
+                    "{}",
+                    '{"hints": {}}',
+                    record,
+                    "[" * 300,
+                    '{"hints": 5}',
+                )
             ),
         ],
     )
@@ -227,7 +251,9 @@ def _remarks() -> Iterator[Case]:
         "duplicate d 9700",
         "debug d 10800",
     )
-    notices = [[int(at_ms), code, text] for code, text, at_ms in (each.split() for each in codes)]
+    notices = [
+        [int(at_ms), code, text] for code, text, at_ms in (each.split() for each in codes)
+    ]
     stops = [
         {
             "time_s": 5.0,

@@ -65,7 +65,10 @@ def _windows() -> Iterator[Case]:
     yield (
         "windows-drifting",
         "windows",
-        [*map(_told, drifts), _told(added(noise(200, 8, 0.1), [["fading", 200, 30.0, 0.97]]))],
+        [
+            *map(_told, drifts),
+            _told(added(noise(200, 8, 0.1), [["fading", 200, 30.0, 0.97]])),
+        ],
     )
     for count in (60, 200):
         places = (
@@ -97,7 +100,9 @@ def _windows() -> Iterator[Case]:
         added(noise(count, 11, 0.1), step(count, count // 2, 5.0))
         for count in (6, 7, 8, 9, 31, 32, 33, 63, 64, 65)
     ]
-    sizes += [added(noise(64, 12, sigma), step(64, 30, 3.0)) for sigma in (0.4, 0.5, 0.6, 0.8)]
+    sizes += [
+        added(noise(64, 12, sigma), step(64, 30, 3.0)) for sigma in (0.4, 0.5, 0.6, 0.8)
+    ]
     sizes += [
         added(noise(64, 13, 0.05), step(64, 20, 3.0), step(64, 44, back))
         for back in (-3.0, -1.5, 1.5, 3.0)
@@ -175,7 +180,9 @@ def _plateaus() -> Iterator[Case]:
         ["line", 29, 1070 * MS, 10 * MS],
     ]
     levels = [
-        part for k in range(8) for part in (["same", 20, round(0.0029 * k + 0.0002 * (k // 3), 6)],)
+        part
+        for k in range(8)
+        for part in (["same", 20, round(0.0029 * k + 0.0002 * (k // 3), 6)],)
     ]
     streams = [
         {"from_ns": 5 * MS, "every_ns": 10 * MS, "mm": moves},
@@ -214,7 +221,15 @@ def _certain() -> Iterator[Case]:
         [2101 * MS, "far after", True],
         [200 * MS, "before", True],
     ]
-    dwells = [[200, 1600], [200, 700], [200, 690], [200, 412], [200, 408], [200, 200], [1690, 1700]]
+    dwells = [
+        [200, 1600],
+        [200, 700],
+        [200, 690],
+        [200, 412],
+        [200, 408],
+        [200, 200],
+        [1690, 1700],
+    ]
     steps_mm = [20.0, -20.0, 0.9, 0.5, 0.08, 0.079, -0.08, 0.0]
     plateaus = [
         [0, 1700, 10.0],
@@ -420,7 +435,9 @@ def _dwells() -> Iterator[Case]:
         {
             "steps": steps,
             "counts": [
-                [before, after] for before in (0, 1, 65535, 65530) for after in (0, 1, 65535, 3)
+                [before, after]
+                for before in (0, 1, 65535, 65530)
+                for after in (0, 1, 65535, 3)
             ],
         },
     )
@@ -433,7 +450,8 @@ def _standstills() -> Iterator[Case]:
     every = {"every_ns": 10 * MS}
     streams: dict[str, Any] = {
         "still": every | {"mm": at_mm(1.0, noise(400, 31))},
-        "moved": every | {"mm": [["same", 100, 1.0], ["line", 20, 1.0, 0.5], ["same", 280, 11.0]]},
+        "moved": every
+        | {"mm": [["same", 100, 1.0], ["line", 20, 1.0, 0.5], ["same", 280, 11.0]]},
         "shaken": every | {"mm": shifted(100, 3, 1.03)},
         "halved": every | {"mm": shifted(90, 23, 1.021)},
         "half": every | {"mm": shifted(96, 5, 1.021)},
@@ -559,7 +577,9 @@ def _heads() -> Iterator[Case]:
         [["same", count, 9.0]],
         [["same", count, 1e6]],
     ]
-    flags = spiked([["same", count, 0]], {60: 1, 61: 1, 70: 32, 71: 64, 80: 128, 81: 128, 82: 128})
+    flags = spiked(
+        [["same", count, 0]], {60: 1, 61: 1, 70: 32, 71: 64, 80: 128, 81: 128, 82: 128}
+    )
     head = {
         "every_ns": 10 * MS,
         "mm": [["same", count, 0.0]],

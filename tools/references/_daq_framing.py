@@ -49,13 +49,20 @@ def _framing() -> Iterator[Case]:
         "counter",
         {
             "wraps": [],
-            "steps": [{"counts": [0, 1]}, {"counts": [0], "restarted": True}, {"counts": [-1, 5]}],
+            "steps": [
+                {"counts": [0, 1]},
+                {"counts": [0], "restarted": True},
+                {"counts": [-1, 5]},
+            ],
         },
     )
     yield (
         "counter-begins-greeted",
         "counter",
-        {"wraps": short, "steps": [{"counts": [8], "restarted": True}, {"counts": [8, 9, 1]}]},
+        {
+            "wraps": short,
+            "steps": [{"counts": [8], "restarted": True}, {"counts": [8, 9, 1]}],
+        },
     )
     yield (
         "checksums",
@@ -124,7 +131,9 @@ def _framing() -> Iterator[Case]:
             "sync": hexed(b"\x10"),
             "size": 3,
             "chunks": [
-                *map(hexed, (b"\x10\x10", b"\x20\x10\x01", b"\x11\x10", b"\x10\x20", b"ab\x10")),
+                *map(
+                    hexed, (b"\x10\x10", b"\x20\x10\x01", b"\x11\x10", b"\x10\x20", b"ab\x10")
+                ),
                 "clear",
                 *map(hexed, (b"\x05\x15", b"\x10\x05\x15\x10\x06\x16")),
             ],
@@ -190,7 +199,9 @@ def _framing() -> Iterator[Case]:
         )
     ]
     sizes = [
-        [f"position {kind}{bits}"] for kind in "ui" for bits in (8, 16, 24, 32, 40, 48, 56, 64)
+        [f"position {kind}{bits}"]
+        for kind in "ui"
+        for bits in (8, 16, 24, 32, 40, 48, 56, 64)
     ]
     yield (
         "layout",

@@ -37,7 +37,19 @@ def _heads() -> Iterator[Case]:
     ]
     counts = [
         fourdof(counter)
-        for counter in (30, 30, 35, 2**32 - 1, 0, 1, 2**32 - 2, 999_997, 2**32 - 2, 999_999, 3)
+        for counter in (
+            30,
+            30,
+            35,
+            2**32 - 1,
+            0,
+            1,
+            2**32 - 2,
+            999_997,
+            2**32 - 2,
+            999_999,
+            3,
+        )
     ]
     broken = [
         frames[0][:44] + b"\x00\x00",

@@ -42,11 +42,25 @@ def _qudis() -> Iterator[Case]:
         qudis_data(19, 8, marker=0x1555),
     ]
     counts = [
-        qudis_data(index, 100, 200) for index in (20, 21, 25, 24, -2, 0, 2**31 - 1, -(2**31) + 1, 5)
+        qudis_data(index, 100, 200)
+        for index in (20, 21, 25, 24, -2, 0, 2**31 - 1, -(2**31) + 1, 5)
     ]
     wraps = [
         qudis_data(index, 1, 2, 3)
-        for index in (2**31 - 3, 0, 999_999, 2**31 - 3, 1_000_003, -4, -1, 2, 5, -4, 999_995, 1)
+        for index in (
+            2**31 - 3,
+            0,
+            999_999,
+            2**31 - 3,
+            1_000_003,
+            -4,
+            -1,
+            2,
+            5,
+            -4,
+            999_995,
+            1,
+        )
     ]
     answers = [
         qudis(3, 0x0773, 0, 0, 1),
@@ -76,7 +90,9 @@ def _qudis() -> Iterator[Case]:
         qudis(4, 0x0031, 0, 0, 9),
         qudis(3, 0x0031, 0, 4, 9),
     ]
-    channels = [qudis(4, 0x0F00 + channel, 0, *qudis_pair(5)) for channel in (1, 2, 15, 16, -1)]
+    channels = [
+        qudis(4, 0x0F00 + channel, 0, *qudis_pair(5)) for channel in (1, 2, 15, 16, -1)
+    ]
     pair = qudis_pair(77)
     unpaired = [
         qudis(4, 0x0F00, 50),
@@ -383,7 +399,13 @@ def _lines() -> Iterator[Case]:
         ("mm", {}),
         (
             "counts",
-            {"unit": "counts", "optics": 2, "sign": -1, "counter_modulus": None, "scale": 3.0},
+            {
+                "unit": "counts",
+                "optics": 2,
+                "sign": -1,
+                "counter_modulus": None,
+                "scale": 3.0,
+            },
         ),
         (
             "full",
@@ -430,7 +452,19 @@ def _lines() -> Iterator[Case]:
         fed(
             *(
                 f"{count} 1.0\n"
-                for count in (65535, 0, 64536, 999, 64536, 1000, 65000, 463, 65000, 464, 10_065_000)
+                for count in (
+                    65535,
+                    0,
+                    64536,
+                    999,
+                    64536,
+                    1000,
+                    65000,
+                    463,
+                    65000,
+                    464,
+                    10_065_000,
+                )
             )
         ),
         pattern=r"(?P<counter>\d+) (?P<position>.*)",

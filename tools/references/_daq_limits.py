@@ -163,7 +163,9 @@ def limits() -> dict[str, list[Any]]:
     for kind, (base, values) in tables.items():
         own = kind.partition("-")[0]
         words[kind] = [
-            [own, base | {name: value}] for name, several in values.items() for value in several
+            [own, base | {name: value}]
+            for name, several in values.items()
+            for value in several
         ]
     words["frames"] += [
         [

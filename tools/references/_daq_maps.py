@@ -80,7 +80,8 @@ def _maps() -> Iterator[Case]:
             {
                 "ranges": ranges,
                 "data": [
-                    hexed(b"") if k % 2 else hexed(each) for k, each in enumerate(answers.values())
+                    hexed(b"") if k % 2 else hexed(each)
+                    for k, each in enumerate(answers.values())
                 ],
             },
             {
@@ -96,7 +97,10 @@ def _maps() -> Iterator[Case]:
                     *(hexed(each) for each in list(answers.values())[3:]),
                 ],
             },
-            {"ranges": ranges[1:], "data": [hexed(each) for each in list(answers.values())[1:]]},
+            {
+                "ranges": ranges[1:],
+                "data": [hexed(each) for each in list(answers.values())[1:]],
+            },
             {"ranges": [], "data": []},
         ]
         yield f"signals-{name}", "signals", {"signals": told, "blocks": blocks}
@@ -154,7 +158,8 @@ def _maps() -> Iterator[Case]:
         {
             "ranges": reads,
             "data": [
-                hexed(each) for each in (b"", b"\x12\x34", b"", b"\xff", reals[0], b"", b"\x01")
+                hexed(each)
+                for each in (b"", b"\x12\x34", b"", b"\xff", reals[0], b"", b"\x01")
             ],
         }
     ]
@@ -167,7 +172,9 @@ def _maps() -> Iterator[Case]:
         "signals",
         {
             "signals": wide,
-            "blocks": [{"data": [hexed(each)]} for each in (b"\x01\x00\x08", b"\xff\xfe\x00")],
+            "blocks": [
+                {"data": [hexed(each)]} for each in (b"\x01\x00\x08", b"\xff\xfe\x00")
+            ],
             "expressions": {"running": "b1 and b8", "alarm": "b19 or not b3"},
         },
     )
@@ -212,7 +219,10 @@ def _maps() -> Iterator[Case]:
                 hexed(struct.pack(">HH", 0, 100)),
             ],
         },
-        {"ranges": asked, "data": [hexed(struct.pack(">HH", 0, 100)), hexed(b""), hexed(b"")]},
+        {
+            "ranges": asked,
+            "data": [hexed(struct.pack(">HH", 0, 100)), hexed(b""), hexed(b"")],
+        },
     ]
     yield (
         "signals-expressions",

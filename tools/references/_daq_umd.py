@@ -25,7 +25,9 @@ def _umd() -> Iterator[Case]:
     ]
     bits = [
         umd_line(k + 30, at=512 + k, phase=value)
-        for k, value in enumerate((*(1 << bit for bit in range(16)), -1, -256, 255, 0x7E00, 0x1FF))
+        for k, value in enumerate(
+            (*(1 << bit for bit in range(16)), -1, -256, 255, 0x7E00, 0x1FF)
+        )
     ]
     rates = [
         umd_line(60, code=8, data=100_000),
@@ -56,7 +58,8 @@ def _umd() -> Iterator[Case]:
         latency_s=0.024,
     )
     three = [
-        umd_three(k + 1, *(told[k] if k < len(told) else (0, 0)), phase=3 * k) for k in range(16)
+        umd_three(k + 1, *(told[k] if k < len(told) else (0, 0)), phase=3 * k)
+        for k in range(16)
     ]
     for axis in (1, 2, 3):
         steps = fed(
@@ -219,7 +222,9 @@ def _umd() -> Iterator[Case]:
         ),
     )
     for axis in (2, 3):
-        cut = [["".join(umd_three(k) for k in range(5 * a + 2, 5 * a + 7)), a] for a in range(3)]
+        cut = [
+            ["".join(umd_three(k) for k in range(5 * a + 2, 5 * a + 7)), a] for a in range(3)
+        ]
         yield streamed(
             f"umd-steady-axis-{axis}",
             "umd",
@@ -313,7 +318,8 @@ def _umd() -> Iterator[Case]:
         [20, 0x10002],
     ]
     rates = [
-        [8, value] for value in (24414, 24414, 24657, 24659, 24170, 24168, 100, 0, -100, 1, 100_000)
+        [8, value]
+        for value in (24414, 24414, 24657, 24659, 24170, 24168, 100, 0, -100, 1, 100_000)
     ]
     for phase_bits in (None, 8, 16):
         yield (
@@ -336,10 +342,27 @@ def _umd() -> Iterator[Case]:
                 (50, 100),
             )
         )
-        for phase in (0, 64, -64, 255, 256, 0x200, 0x400, 0x4000, 0x8000, 0x7E00, -0x7E00, 65535)
+        for phase in (
+            0,
+            64,
+            -64,
+            255,
+            256,
+            0x200,
+            0x400,
+            0x4000,
+            0x8000,
+            0x7E00,
+            -0x7E00,
+            65535,
+        )
     ]
     for use in ("unknown", "8-bit", "16-bit", "ignored"):
-        for homodyne, rate_hz, counts in ((None, 1000.0, 1), (False, None, 1), (True, 1000.0, 4)):
+        for homodyne, rate_hz, counts in (
+            (None, 1000.0, 1),
+            (False, None, 1),
+            (True, 1000.0, 4),
+        ):
             reading = {
                 "rate_hz": rate_hz,
                 "homodyne": homodyne,

@@ -47,24 +47,33 @@ def umd_line(
 
 
 def umd_three(seq: int, code: int = 0, data: int = 0, *, phase: int = 0) -> str:
-    second, third = f"{2200 + seq} {30 * seq} 6 {phase}", f"{2300 + seq} {-40 * seq} 7 {2 * phase}"
+    second, third = (
+        f"{2200 + seq} {30 * seq} 6 {phase}",
+        f"{2300 + seq} {-40 * seq} 7 {2 * phase}",
+    )
     return f"2000 {2100 + seq} {10 * seq} 5 {3 * phase} {seq} {code} {data} {second} {third} \r\n"
 
 
-def qudis(opcode: int, address: int, index: int = 0, *data: int, correlation: int = 0) -> bytes:
-    return struct.pack("<5i", 16 + 4 * len(data), opcode, address, index, correlation) + b"".join(
-        struct.pack("<I", each & 0xFFFFFFFF) for each in data
-    )
+def qudis(
+    opcode: int, address: int, index: int = 0, *data: int, correlation: int = 0
+) -> bytes:
+    return struct.pack(
+        "<5i", 16 + 4 * len(data), opcode, address, index, correlation
+    ) + b"".join(struct.pack("<I", each & 0xFFFFFFFF) for each in data)
 
 
 def qudis_pair(position_pm: int, marker: int = 0) -> tuple[int, int]:
     raw = position_pm & (1 << 48) - 1
-    return raw & 0xFFFFFF | (marker & 0x7F) << 24, raw >> 24 | (marker >> 7 & 0x7F) << 24 | 1 << 31
+    return raw & 0xFFFFFF | (marker & 0x7F) << 24, raw >> 24 | (
+        marker >> 7 & 0x7F
+    ) << 24 | 1 << 31
 
 
 def qudis_data(index: int, *positions: int, marker: int = 0) -> bytes:
     words = [
-        word for k, position in enumerate(positions) for word in qudis_pair(position, marker + k)
+        word
+        for k, position in enumerate(positions)
+        for word in qudis_pair(position, marker + k)
     ]
     return qudis(4, 0x0F00, index, *words)
 
@@ -83,7 +92,9 @@ def crc8_nrsc5(data: bytes) -> int:
     return register
 
 
-def lasertex_distance(steps: int, *, speed: int = 0, state: int = 9, level: int = 80) -> bytes:
+def lasertex_distance(
+    steps: int, *, speed: int = 0, state: int = 9, level: int = 80
+) -> bytes:
     return lasertex(
         0xB015,
         (steps & (1 << 56) - 1).to_bytes(7, "big") + bytes((0x31, 0x00, speed, state, level)),
@@ -96,7 +107,9 @@ def fourdof(
     status: int = 0,
     values: tuple[Any, ...] = (10, -20, 900, 30, -40, 800, 50, -60, 700),
 ) -> bytes:
-    body = struct.pack("<cBI" + ("9i" if kind == b"i" else "9f"), kind, status, counter, *values)
+    body = struct.pack(
+        "<cBI" + ("9i" if kind == b"i" else "9f"), kind, status, counter, *values
+    )
     return b"\xf4\xd0" + body + struct.pack("<H", binascii.crc_hqx(body, 0xFFFF))
 
 

@@ -105,7 +105,11 @@ def arranged():
     ]
     columns = [
         dict(
-            zip(("target_mm", "pass_number", "deviation_um"), zip(*some, strict=True), strict=True)
+            zip(
+                ("target_mm", "pass_number", "deviation_um"),
+                zip(*some, strict=True),
+                strict=True,
+            )
         )
         for some in (rows, rows[:8], rows[:4])
     ]
@@ -280,7 +284,12 @@ def commissioning():
                 "degree": 3,
                 "u_reference_um": 0.3,
             },
-            {"reading": short(reading), "shift_um": short(-shift), "kind": "erf", "degree": 5},
+            {
+                "reading": short(reading),
+                "shift_um": short(-shift),
+                "kind": "erf",
+                "degree": 5,
+            },
             {"reading": short(reading), "shift_um": short(shift), "degree": 1},
             {"reading": short(reading), "shift_um": short(reading**2), "degree": 3},
             {"reading": short(reading[:7]), "shift_um": short(shift[:7]), "degree": 5},
@@ -326,7 +335,12 @@ def drifts():
             }
         )
     rng = np.random.default_rng(77)
-    for real, noise, told in ((5.0, 0.2, 4.0), (3.0, 1.5, 3.0), (4.0, 4.0, 5.0), (1.0, 6.0, 6.0)):
+    for real, noise, told in (
+        (5.0, 0.2, 4.0),
+        (3.0, 1.5, 3.0),
+        (4.0, 4.0, 5.0),
+        (1.0, 6.0, 6.0),
+    ):
         quick, lever = rng.normal(0, real, 24), 350.0 + np.linspace(0, 2000.0, 24)
         runs.append(
             {

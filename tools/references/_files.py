@@ -548,7 +548,9 @@ def surveys():
             {
                 "method": "least-squares",
                 "rows": {
-                    str(number): None for place, number in names.items() if place.startswith("pnp")
+                    str(number): None
+                    for place, number in names.items()
+                    if place.startswith("pnp")
                 },
             },
             {"method": "wang2000", "rows": {str(names["npp 3"]): None}},
@@ -565,6 +567,14 @@ FILES = {
     "angle-files": ("files of angles", "angles", angle_files),
     "straightness-files": ("files of straightness", "straightness", straightness_files),
     "rtl": (".rtl files", "rtl", rtl),
-    "results": ("results read and written again, and changes that are refused", "results", results),
-    "refused": ("surveys that are refused, and some that are not", "refused-surveys", surveys),
+    "results": (
+        "results read and written again, and changes that are refused",
+        "results",
+        results,
+    ),
+    "refused": (
+        "surveys that are refused, and some that are not",
+        "refused-surveys",
+        surveys,
+    ),
 }

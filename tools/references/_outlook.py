@@ -18,13 +18,18 @@ def plans():
     """Return plans of every kind of run, and what is asked of them."""
     bare, lines = _runs(*DIAGONALS, return_pass=False), _runs(*LINEAR, return_pass=False)
     shifted = [
-        run | {"setup": run["setup"] + "+1", "beam_offset_mm": [0.0, 40.0, 0.0]} for run in bare
+        run | {"setup": run["setup"] + "+1", "beam_offset_mm": [0.0, 40.0, 0.0]}
+        for run in bare
     ]
     return {
         "plans": [
             SIZE | {"runs": bare, "asked": {}},
             SIZE
-            | {"runs": _runs(*DIAGONALS, *LINEAR, repeats=2), "increments": 1, "chain": "XFYZ"},
+            | {
+                "runs": _runs(*DIAGONALS, *LINEAR, repeats=2),
+                "increments": 1,
+                "chain": "XFYZ",
+            },
             SIZE | {"runs": [*bare, *lines], "increments": 1},
             SIZE
             | {
@@ -64,7 +69,10 @@ def plans():
                 "assumed": {"shape_um": 9.0, "between_um": 1.0, "reading_um": 0.5},
             },
             SIZE | {"runs": bare, "increments": 1, "asked": {"available_min": 170.0}},
-            *(SIZE | {"runs": [*bare, *lines], "increments": count} for count in (2, 4, 5, 6, 7)),
+            *(
+                SIZE | {"runs": [*bare, *lines], "increments": count}
+                for count in (2, 4, 5, 6, 7)
+            ),
             SIZE | {"runs": _runs("fourdof-x")},
             SIZE | {"runs": _runs("ppx")},
             SIZE | {"runs": []},
@@ -94,7 +102,9 @@ OUTLOOK = {
     "volume-wide": (
         "what is told of the volume where little is known",
         "solve",
-        lambda: survey(without(THREE.survey(DIAGONALS), ("ppn", 1, 4)), outlook=True, brief=True),
+        lambda: survey(
+            without(THREE.survey(DIAGONALS), ("ppn", 1, 4)), outlook=True, brief=True
+        ),
     ),
     "volume-two": ("the volume of two increments", "solve", lambda: _two(2)),
     "volume-six": ("the volume of six increments", "solve", lambda: _two(6)),

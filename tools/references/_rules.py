@@ -85,7 +85,10 @@ def _curves(count, waves, noise):
     at = np.linspace(0.0, 1.0, count)
     return [
         np.round(
-            size * np.sin(2 * np.pi * wave * at + 0.4) + RNG.normal(0, noise, count) + 3.0 * at, 4
+            size * np.sin(2 * np.pi * wave * at + 0.4)
+            + RNG.normal(0, noise, count)
+            + 3.0 * at,
+            4,
         ).tolist()
         for wave in waves
         for size in (1.0, 6.0)
@@ -117,7 +120,9 @@ def curves():
             {
                 name: {
                     "position_mm": np.round(at, 4).tolist(),
-                    "value": _curves(count, (waves * (1 if name[1] == name[2] else 0.4),), 0.1)[1],
+                    "value": _curves(
+                        count, (waves * (1 if name[1] == name[2] else 0.4),), 0.1
+                    )[1],
                     "u_readings": 0.1,
                 }
                 for name in ("EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ")
@@ -191,11 +196,16 @@ def warmth():
             },
         ],
         "scales": [
-            dict(zip("XYZ", some, strict=True)) for some in (scales, scales[::-1], [scales[0]] * 3)
+            dict(zip("XYZ", some, strict=True))
+            for some in (scales, scales[::-1], [scales[0]] * 3)
         ],
         "found": [
             {},
-            {"EAX": [[1.0, -4.0], [0.5, 1.0]], "ECZ": [[2.0, 2.0], None], "EBY": [None, None]},
+            {
+                "EAX": [[1.0, -4.0], [0.5, 1.0]],
+                "ECZ": [[2.0, 2.0], None],
+                "EBY": [None, None],
+            },
             {
                 name: [[1.0, 3.0], [0.1, 0.2]]
                 for name in ("EAX", "EBX", "ECX", "EAY", "EBY", "ECY", "EAZ", "EBZ", "ECZ")
@@ -215,7 +225,11 @@ def words():
     low = [[1, 0, [-1.01, 5.0, 5.0], 0.0]]
     edge = [[1, 0, [-1.0, 5.0, 5.0], 0.0], [1, 1, [11.0, 5.0, 5.0], 12.0]]
     out = ["linear-x,1,0,0,5,5,0,", "linear-x,1,1,4,5,5,4.001,", "linear-x,1,2,10,5,5,9.998,"]
-    back = ["linear-x,2,0,10,5,5,0,", "linear-x,2,1,4,5,5,-5.9995,", "linear-x,2,2,0,5,5,-10.25,"]
+    back = [
+        "linear-x,2,0,10,5,5,0,",
+        "linear-x,2,1,4,5,5,-5.9995,",
+        "linear-x,2,2,0,5,5,-10.25,",
+    ]
     return {
         "box": [
             "ppp,1,0,0,0,0,0,0.3",

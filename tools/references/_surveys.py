@@ -5,7 +5,12 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from stepdiag.base.readings.readings import Readings, make_readings, parse_readings, render_readings
+from stepdiag.base.readings.readings import (
+    Readings,
+    make_readings,
+    parse_readings,
+    render_readings,
+)
 from stepdiag.base.readings.runs import Plan, Run, perfect_readings
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import Volume
@@ -59,7 +64,9 @@ def moved(readings: Readings, setup: str, numbers, by_um) -> Readings:
     """Return readings of which those of some passes are changed by ``by_um``, a function of the
     stop."""
     added = np.where(
-        of(readings, setup, *np.atleast_1d(numbers)), 1e-3 * by_um(readings.stop.astype(float)), 0.0
+        of(readings, setup, *np.atleast_1d(numbers)),
+        1e-3 * by_um(readings.stop.astype(float)),
+        0.0,
     )
     return replace(readings, reading_mm=readings.reading_mm + added)
 
@@ -68,7 +75,8 @@ def scaled(readings: Readings, setup: str, um_m: float) -> Readings:
     """Return readings of which those of a setup are longer."""
     return replace(
         readings,
-        reading_mm=readings.reading_mm * np.where(of(readings, setup), 1.0 + 1e-6 * um_m, 1.0),
+        reading_mm=readings.reading_mm
+        * np.where(of(readings, setup), 1.0 + 1e-6 * um_m, 1.0),
     )
 
 
@@ -89,7 +97,9 @@ def warm(readings: Readings, temperature_c, **changes) -> Readings:
     )
 
 
-def walked(readings: Readings, setup: str, numbers, size_um: float, seed: int = 5) -> Readings:
+def walked(
+    readings: Readings, setup: str, numbers, size_um: float, seed: int = 5
+) -> Readings:
     """Return readings of which a pass wanders."""
     walk = np.cumsum(np.random.default_rng(seed).normal(0.0, size_um, 60))
     return moved(readings, setup, numbers, lambda stop: walk[stop.astype(int)] - walk[0])
@@ -98,14 +108,18 @@ def walked(readings: Readings, setup: str, numbers, size_um: float, seed: int = 
 def joined(*parts: Readings) -> Readings:
     """Return readings one after the other."""
     names = [name for name in RUNS if name != "setup"]
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    columns = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+    }
     return make_readings(setup=[name for part in parts for name in part.setup], **columns)
 
 
 def planned(bench: Bench, runs, axis_order="xyz", noise_um=0.2, seed=17) -> Readings:
     """Return what a machine with a bench's errors shows on any setups: perfect readings with the
     errors along the setup."""
-    volume = Volume(origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments)
+    volume = Volume(
+        origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments
+    )
     readings = perfect_readings(
         Plan(volume=volume, runs=tuple(runs), axis_order=axis_order), noise_um
     )
@@ -113,7 +127,9 @@ def planned(bench: Bench, runs, axis_order="xyz", noise_um=0.2, seed=17) -> Read
         bench.machine.error_at(readings.position_mm) * _directions(readings, bench), axis=1
     )
     error = error + np.random.default_rng(seed).normal(0.0, noise_um, len(readings))
-    first = np.array([row for row in range(len(readings)) for _ in [0] if readings.stop[row] == 0])
+    first = np.array(
+        [row for row in range(len(readings)) for _ in [0] if readings.stop[row] == 0]
+    )
     start = {(readings.setup[row], readings.pass_number[row]): error[row] for row in first}
     since = error - [
         start[readings.setup[row], readings.pass_number[row]] for row in range(len(readings))
@@ -129,7 +145,9 @@ def runs(*names: str, **how):
 def golden(name: str):
     """Return the readings of a golden file to a tenth of a micrometre: chi-square of none at all
     would be rounding."""
-    readings = parse_readings((DATA / f"golden_stepdiag_{name}.csv").read_text(encoding="utf-8"))
+    readings = parse_readings(
+        (DATA / f"golden_stepdiag_{name}.csv").read_text(encoding="utf-8")
+    )
     return render_readings(
         replace(readings, reading_mm=np.round(readings.reading_mm, 4))
     ).splitlines()
@@ -147,7 +165,9 @@ def head(
             off = by_um(share) if by_um and one.name == "EYX" else 0.0
             found.append(
                 {
-                    name: np.round(value, 6).tolist() if isinstance(value, np.ndarray) else value
+                    name: np.round(value, 6).tolist()
+                    if isinstance(value, np.ndarray)
+                    else value
                     for name, value in asdict(one).items()
                 }
                 | {"value_um": np.round(one.value_um + off, 6).tolist()}
@@ -166,7 +186,9 @@ def _cut(readings: Readings, setup: str, number: int, at: int) -> Readings:
     late = mine & (readings.stop >= at)
     zero[mine], zero[late] = 1, 2
     first = readings.reading_mm[late & (readings.stop == at)][0]
-    return replace(readings, zero=zero, reading_mm=readings.reading_mm - np.where(late, first, 0.0))
+    return replace(
+        readings, zero=zero, reading_mm=readings.reading_mm - np.where(late, first, 0.0)
+    )
 
 
 def _untimed(readings: Readings) -> Readings:
@@ -191,7 +213,9 @@ def _grown(bench: Bench, um_m: float, bent: float = 0.0, **how):
     along = np.sum((taken.position_mm - bench.origin_mm) * _directions(taken, bench), axis=1)
     grown = 1e-6 * along * (um_m * late + bent * late**2)
     first = np.flatnonzero(taken.stop == 0)
-    since = grown - grown[first[np.searchsorted(first, np.arange(len(taken)), side="right") - 1]]
+    since = (
+        grown - grown[first[np.searchsorted(first, np.arange(len(taken)), side="right") - 1]]
+    )
     return survey(
         replace(taken, reading_mm=taken.reading_mm + since),
         angles=angles(replace(bench, angle_urad=0.0)),
@@ -199,14 +223,18 @@ def _grown(bench: Bench, um_m: float, bent: float = 0.0, **how):
 
 
 def _directions(readings: Readings, bench: Bench):
-    signs = np.array([setup_of(name).signs for name in readings.setup]) * np.array(bench.size_mm)
+    signs = np.array([setup_of(name).signs for name in readings.setup]) * np.array(
+        bench.size_mm
+    )
     return signs / np.linalg.norm(signs, axis=1, keepdims=True)
 
 
 def _outliers(readings: Readings, *places):
     """Return readings of which stops (setup, pass, stop, um) are wrong."""
     for setup, number, at, um in places:
-        readings = moved(readings, setup, number, lambda stop, at=at, um=um: um * (stop == at))
+        readings = moved(
+            readings, setup, number, lambda stop, at=at, um=um: um * (stop == at)
+        )
     return readings
 
 
@@ -236,7 +264,8 @@ def _faces():
 def _bodies():
     continuous = runs("body-ppp", "body-npp", "body-pnp", "body-ppn", repeats=2)
     return survey(
-        planned(THREE, (*continuous, *runs(*DIAGONALS, return_pass=False))), angles=angles(THREE)
+        planned(THREE, (*continuous, *runs(*DIAGONALS, return_pass=False))),
+        angles=angles(THREE),
     )
 
 
@@ -281,13 +310,16 @@ SURVEYS = {
     "closed-unstated": (
         "the corrected closed form where nobody states the noise",
         "solve",
-        lambda: survey(replace(THREE, states_u=False).survey(DIAGONALS), method="least-squares"),
+        lambda: survey(
+            replace(THREE, states_u=False).survey(DIAGONALS), method="least-squares"
+        ),
     ),
     "closed-once": (
         "the same of a single increment, where no noise shows",
         "solve",
         lambda: survey(
-            replace(THREE, states_u=False, increments=1).survey(DIAGONALS), method="least-squares"
+            replace(THREE, states_u=False, increments=1).survey(DIAGONALS),
+            method="least-squares",
         ),
     ),
     "head-lines": (
@@ -302,13 +334,17 @@ SURVEYS = {
         "solve",
         lambda: survey(
             _back(),
-            straightness=head(SMALL, ("EYX", "EZY"), lambda share: 25.0 * np.sin(np.pi * share)),
+            straightness=head(
+                SMALL, ("EYX", "EZY"), lambda share: 25.0 * np.sin(np.pi * share)
+            ),
         ),
     ),
     "wanders": (
         "one pass of a diagonal wanders, another was driven",
         "solve",
-        lambda: survey(walked(SMALL.survey(passes=(1, 3)), "pnp", 3, 8.0), angles=angles(SMALL)),
+        lambda: survey(
+            walked(SMALL.survey(passes=(1, 3)), "pnp", 3, 8.0), angles=angles(SMALL)
+        ),
     ),
     "wanders-alone": (
         "the only pass of a diagonal wanders",
@@ -352,7 +388,9 @@ SURVEYS = {
         "solve",
         lambda: survey(
             _outliers(
-                replace(THREE, angle_urad=0.0).survey((*DIAGONALS, *LINEAR), linear_passes=(1,)),
+                replace(THREE, angle_urad=0.0).survey(
+                    (*DIAGONALS, *LINEAR), linear_passes=(1,)
+                ),
                 *(
                     ("ppp", 1, 2, 40.0),
                     ("npp", 1, 4, -90.0),
@@ -367,14 +405,19 @@ SURVEYS = {
         "the machine became warmer and somebody measured that",
         "solve",
         lambda: survey(
-            warm(_back(THREE), lambda share: 21.0 + 1.3 * share), assumed=WARM, angles=angles(THREE)
+            warm(_back(THREE), lambda share: 21.0 + 1.3 * share),
+            assumed=WARM,
+            angles=angles(THREE),
         ),
     ),
     "warm-little": (
         "temperatures that hardly differ, of which some are missing",
         "solve",
         lambda: survey(
-            warm(THREE.survey(), lambda share: np.where(share > 0.9, np.nan, 22.0 + 0.01 * share)),
+            warm(
+                THREE.survey(),
+                lambda share: np.where(share > 0.9, np.nan, 22.0 + 0.01 * share),
+            ),
             assumed=WARM,
         ),
     ),
@@ -478,9 +521,9 @@ SURVEYS = {
         lambda: survey(
             replace(
                 (
-                    noisy := replace(THREE, diagonal_noise_um=6.0, linear_noise_um=2.0).survey(
-                        passes=(1, 2, 3)
-                    )
+                    noisy := replace(
+                        THREE, diagonal_noise_um=6.0, linear_noise_um=2.0
+                    ).survey(passes=(1, 2, 3))
                 ),
                 u_um=np.full(len(noisy), 0.2),
             ),
@@ -510,7 +553,10 @@ SURVEYS = {
         "solve",
         lambda: survey(
             moved(
-                SMALL.survey(linear_passes=(1, 2, 3)), "linear-x", 2, lambda stop: 5.0 * (stop <= 2)
+                SMALL.survey(linear_passes=(1, 2, 3)),
+                "linear-x",
+                2,
+                lambda stop: 5.0 * (stop <= 2),
             ),
             angles=angles(SMALL),
         ),
@@ -597,7 +643,9 @@ SURVEYS = {
         "solve",
         lambda: survey(
             replace(TABLE, increments=4, states_u=False).survey(),
-            straightness=head(replace(TABLE, increments=6), STRAIGHT, approaches=(1,), u_um=0.8),
+            straightness=head(
+                replace(TABLE, increments=6), STRAIGHT, approaches=(1,), u_um=0.8
+            ),
             chain="XYFZ",
         ),
     ),
@@ -657,7 +705,9 @@ SURVEYS = {
         "solve",
         lambda: survey(
             _outliers(
-                walked(replace(TABLE, states_u=False).survey(passes=(1, 2, 3)), "ppn", 2, 5.0),
+                walked(
+                    replace(TABLE, states_u=False).survey(passes=(1, 2, 3)), "ppn", 2, 5.0
+                ),
                 ("ppp", 1, 3, 30.0),
             ),
             chain="XYFZ",
@@ -711,7 +761,8 @@ SURVEYS = {
         "angles that bend often along an axis of many targets, nobody measured them",
         "solve",
         lambda: survey(
-            _back(replace(TABLE, increments=6, angle_urad=25.0, waves=5, wave_um=2.0)), chain="XYFZ"
+            _back(replace(TABLE, increments=6, angle_urad=25.0, waves=5, wave_um=2.0)),
+            chain="XYFZ",
         ),
     ),
     "cut-on-table": (

@@ -17,7 +17,8 @@ NUMBERS = ("noise", "alike", "same", "line", "fading", "turns")
 def inputs() -> Iterator[Case]:
     """Yield the name of every case, who plays it, and its input."""
     yield from chain.from_iterable(
-        room.inputs() for room in (_capture_standing, _capture_places, _capture_said, _capture_logs)
+        room.inputs()
+        for room in (_capture_standing, _capture_places, _capture_said, _capture_logs)
     )
 
 

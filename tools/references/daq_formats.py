@@ -21,5 +21,6 @@ def inputs() -> Iterator[Case]:
 
 
 CASES = {
-    name: (name.replace("-", " "), call, lambda told=told: told) for name, call, told in inputs()
+    name: (name.replace("-", " "), call, lambda told=told: told)
+    for name, call, told in inputs()
 }

@@ -123,7 +123,9 @@ class CauseFinder:
         if not causes:
             self.over = len(self.evidence) >= LAST
             return self.released() if self.over else []
-        late = any(self.evidence.begin(each.route) == 1 for _, each in causes if not each.changes)
+        late = any(
+            self.evidence.begin(each.route) == 1 for _, each in causes if not each.changes
+        )
         best, cause = causes[0]
         rivals = [
             (score, other)
@@ -144,7 +146,9 @@ class CauseFinder:
         self.over = (fits and self.evidence.covers(cause.route)) or (
             len(self.evidence) >= LAST and not late
         )
-        alike = [other for _, other in rivals if named and all(each.changes for _, each in rivals)]
+        alike = [
+            other for _, other in rivals if named and all(each.changes for _, each in rivals)
+        ]
         news = (
             [_alike(cause, alike[0], len(self.evidence))]
             if alike and not (self.undecided or self.named)
@@ -214,7 +218,9 @@ class CauseFinder:
         """Return every hypothesis with the logarithm of its likelihood and prior, best first."""
         library = Library(self.survey, self.hints, self.evidence)
         plain, evidence = list(library.plain(setup)), self.evidence
-        causes = [each for each in library.hypotheses(setup) if len(evidence) <= len(each.route)]
+        causes = [
+            each for each in library.hypotheses(setup) if len(evidence) <= len(each.route)
+        ]
         scores = [evidence.as_stated(each.route) for each in plain]
         scores += evidence.fits(causes).tolist() if causes else []
         in_time = cache(evidence.in_time)  # most causes have the same delay
@@ -229,7 +235,11 @@ class CauseFinder:
         code = CODES.get(line, "unexpected-position.cause")
         if code == "unexpected-position.cause" and not value:
             words = message(
-                "unexpected-position.cause-left-out", what=what, stops=stops, line=line, others=more
+                "unexpected-position.cause-left-out",
+                what=what,
+                stops=stops,
+                line=line,
+                others=more,
             )
         else:
             words = message(
@@ -281,6 +291,8 @@ def _alike(one: Cause, other: Cause, stops: int) -> Finding:
     axis = one.route.axis_to(stop).upper()
     return finding(
         "warning",
-        message("step-mismatch.alike", stops=stops, one=first, other=second, axis=axis, stop=stop),
+        message(
+            "step-mismatch.alike", stops=stops, one=first, other=second, axis=axis, stop=stop
+        ),
         place,
     )

@@ -89,7 +89,8 @@ class Library:
             self.survey.stop.settle_s,
         )
         for both in self._seen_s(
-            lambda move: 0.5 * (move.left_s + move.came_s), lambda move: move.left_s - move.came_s
+            lambda move: 0.5 * (move.left_s + move.came_s),
+            lambda move: move.left_s - move.came_s,
         ):
             if both > 0:
                 what, change = (
@@ -102,7 +103,12 @@ class Library:
                     ("plc.latency_s", f"{plc_s - both:.2f}"),
                 )
             yield Cause(
-                route, late_s=(both, both), free=1, kind=change[0], what=what, changes=(change,)
+                route,
+                late_s=(both, both),
+                free=1,
+                kind=change[0],
+                what=what,
+                changes=(change,),
             )
         for came in self._seen_s(lambda move: move.came_s, lambda move: move.left_s):
             if came > 0:
@@ -133,7 +139,9 @@ class Library:
                 groups[-1].append(value)
             else:
                 groups.append([value])
-        return [round(float(np.median(group)), 2) for group in groups if len(group) >= CONFIRMED]
+        return [
+            round(float(np.median(group)), 2) for group in groups if len(group) >= CONFIRMED
+        ]
 
     def _order_causes(self, setup: str, shown: Matrix | None) -> Iterator[Cause]:
         """Yield every other order of the axes; orders that no observation separates, because two
@@ -145,10 +153,14 @@ class Library:
         as_stated = order_of(planned, run, self._number(setup))
         # orders of a plan's repeats have priority over the order of the volume, in the file too
         line, value = (
-            ("plan.axis_orders", '["{}"]') if run.axis_orders else ("volume.axis_order", '"{}"')
+            ("plan.axis_orders", '["{}"]')
+            if run.axis_orders
+            else ("volume.axis_order", '"{}"')
         )
         for order in map("".join, permutations(AXES)):
-            route = self._route(setup, replace(planned, runs=(replace(run, axis_orders=(order,)),)))
+            route = self._route(
+                setup, replace(planned, runs=(replace(run, axis_orders=(order,)),))
+            )
             seen = route.nominal_mm if shown is None else route.stops_mm
             alike.setdefault(np.round(seen, 3).tobytes(), ([], route))[0].append(order)
         for orders, route in alike.values():
@@ -175,7 +187,10 @@ class Library:
                     kind=f"box {axis}",
                     what=message("cause-box", axis=AXES[axis].upper(), length_mm=length_mm),
                     changes=(
-                        ("volume.size_mm", str([round(value, 4) for value in plan.volume.size_mm])),
+                        (
+                            "volume.size_mm",
+                            str([round(value, 4) for value in plan.volume.size_mm]),
+                        ),
                     ),
                 )
 
@@ -197,7 +212,9 @@ class Library:
         # moves
         else:
             lengths = [self._length_by_laser(setup, axis, steps)]
-        return [round(each, 3) for each in lengths if each > 1.0 and abs(each - size) > PLACED_MM]
+        return [
+            round(each, 3) for each in lengths if each > 1.0 and abs(each - size) > PLACED_MM
+        ]
 
     def _length_by_laser(self, setup: str, axis: int, steps: Matrix) -> float:
         """Return the length in mm of one axis with the best fit of the steps: searched on a grid,
@@ -226,7 +243,9 @@ class Library:
 
     def _route(self, setup: str, plan: Plan | None = None, *, outward: bool = True) -> Route:
         """Return the route of the next pass of a setup, of the survey's plan or of another."""
-        return route_of(plan or self.survey.planned, setup, self._number(setup, outward=outward))
+        return route_of(
+            plan or self.survey.planned, setup, self._number(setup, outward=outward)
+        )
 
     def _number(self, setup: str, *, outward: bool = True) -> int:
         """Return the number of the next pass of a setup."""
@@ -243,15 +262,26 @@ class Library:
             turned = float(first[axis] + start[axis])
             yield self._mapped(route, "sign", [axis], factors={axis: -1.0})
             yield self._mapped(
-                route, "sign-offset", [axis], factors={axis: -1.0}, shifts={axis: turned}, free=1
+                route,
+                "sign-offset",
+                [axis],
+                factors={axis: -1.0},
+                shifts={axis: turned},
+                free=1,
             )
             for factor in FACTORS:
                 yield self._mapped(route, "factor", [axis], factors={axis: factor})
         yield self._mapped(
-            route, "offset", [0, 1, 2], shifts=dict(enumerate((first - start).tolist())), free=3
+            route,
+            "offset",
+            [0, 1, 2],
+            shifts=dict(enumerate((first - start).tolist())),
+            free=3,
         )
         for factor in (*FACTORS, -1.0):
-            yield self._mapped(route, "factor", [0, 1, 2], factors=dict.fromkeys(range(3), factor))
+            yield self._mapped(
+                route, "factor", [0, 1, 2], factors=dict.fromkeys(range(3), factor)
+            )
         for axes in permutations(range(3)):
             if axes != (0, 1, 2):
                 yield self._permuted(route, axes)
@@ -328,14 +358,21 @@ class Library:
         code = self.evidence.stands[0].signals.setup
         for name in self.hints:
             number = next(
-                (number for number, base in SETUP_NUMBERS.items() if base == setup_of(name).base),
+                (
+                    number
+                    for number, base in SETUP_NUMBERS.items()
+                    if base == setup_of(name).base
+                ),
                 None,
             )
             if name == setup or number is None or code is None or setup_of(name).is_fourdof:
                 continue
             route = self._route(name)
             what = message(
-                "cause-setup-code", code=code, stated=setup or message("unknown-setup"), driven=name
+                "cause-setup-code",
+                code=code,
+                stated=setup or message("unknown-setup"),
+                driven=name,
             )
             yield Cause(
                 route,

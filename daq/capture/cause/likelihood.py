@@ -159,7 +159,9 @@ class Cause:
         shows another position or step; None without such a stop.
         """
         count = min(len(self.route), len(other.route))
-        apart = np.any(np.abs(self.shown_mm(count) - other.shown_mm(count)) > APART_MM, axis=1)
+        apart = np.any(
+            np.abs(self.shown_mm(count) - other.shown_mm(count)) > APART_MM, axis=1
+        )
         apart[1:] |= ~_agrees(self.steps_mm(count), other.steps_mm(count))
         later = np.flatnonzero(apart[stops:])
         return stops + int(later[0]) if len(later) else None

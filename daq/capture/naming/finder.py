@@ -57,7 +57,9 @@ class PassFinder:
             return self._unplanned(signals)
         if self.walk is None:
             self.walk = self._begin(setup, signals, reading_mm)
-        elif signals.setup is not None and self.walk.route.setup not in self._meant(signals.setup):
+        elif signals.setup is not None and self.walk.route.setup not in self._meant(
+            signals.setup
+        ):
             return Ended("aborted", self.walk.at(message("went-on-with", setup=setup)))
         return self.walk
 
@@ -66,7 +68,8 @@ class PassFinder:
         if signals.setup is not None:
             own = SETUP_NUMBERS.get(signals.setup)
             return any(
-                setup_of(name).is_fourdof for name in ([own] if own else self._meant(signals.setup))
+                setup_of(name).is_fourdof
+                for name in ([own] if own else self._meant(signals.setup))
             )
         setup = self.walk.route.setup if self.walk else self._first_wanted()
         return setup is not None and setup_of(setup).is_fourdof
@@ -79,7 +82,9 @@ class PassFinder:
             return self._returning(reading_mm) or self._first_wanted()
         meant = self._meant(signals.setup)
         named = [name for name in hints if name in meant]
-        return next((name for name in named if hints[name].wanted), named[0] if named else None)
+        return next(
+            (name for name in named if hints[name].wanted), named[0] if named else None
+        )
 
     def _meant(self, code: int) -> list[str]:
         """Return the setups that a number may mean: a place in the plan, or else any wanted or
@@ -127,7 +132,9 @@ class PassFinder:
             )
             hint = _turned(hint) if odds > 0.0 else hint
         self.turn = (
-            hint.turn if hint.turn is not None and hint.turn.outward is not hint.outward else None
+            hint.turn
+            if hint.turn is not None and hint.turn.outward is not hint.outward
+            else None
         )
         route = out if hint.outward else back
         if reading_mm is not None and _begun_anew(route, (*hint.believed, reading_mm)):
@@ -145,7 +152,9 @@ class PassFinder:
             if reading_mm is not None
             else {}
         )
-        return Walk(route, hint.next_stop, self._start.last_count, hint.last_reading_mm, known)
+        return Walk(
+            route, hint.next_stop, self._start.last_count, hint.last_reading_mm, known
+        )
 
     def _gone_by(self, signals: Signals) -> int | None:
         """Return the number of stops since the last stop of the previous log, by the counter; None
@@ -169,7 +178,9 @@ class PassFinder:
 
 def _turned(hint: PassHint) -> PassHint:
     """Return the place at which a setup stands that has begun its pass in the other direction."""
-    anew = {} if hint.next_stop == 0 else {"next_stop": 0, "last_reading_mm": None, "turn": None}
+    anew = (
+        {} if hint.next_stop == 0 else {"next_stop": 0, "last_reading_mm": None, "turn": None}
+    )
     return msgspec.structs.replace(hint, outward=not hint.outward, **anew)
 
 
@@ -189,7 +200,9 @@ def _turned_odds(
         return _unseen(along, along, known) - _unseen(back, None, known)
     on = along - hint.next_stop
     goes_on = (
-        _unseen(on, on + 1, gone_by, twice=False) if on >= 0 else FAULT + _unseen(0, None, gone_by)
+        _unseen(on, on + 1, gone_by, twice=False)
+        if on >= 0
+        else FAULT + _unseen(0, None, gone_by)
     )
     if hint.outward and not returns:
         return -math.inf
@@ -198,7 +211,9 @@ def _turned_odds(
     return goes_on - min(turned, begun)
 
 
-def _unseen(stops: int, counts: int | None, gone_by: int | None, *, twice: bool = True) -> float:
+def _unseen(
+    stops: int, counts: int | None, gone_by: int | None, *, twice: bool = True
+) -> float:
     """Return the cost of missed stops. The counter shows ``counts`` stops, or one more where a
     program stands ``twice`` at the turn; None for an uncertain number.
     """
@@ -214,7 +229,8 @@ def _begun_anew(route: Route, readings: Sequence[float]) -> bool:
     if not 1 < len(readings) <= len(route):
         return False
     return all(
-        agrees(step, route.step_mm(stop, stop + 1)) for stop, step in enumerate(np.diff(readings))
+        agrees(step, route.step_mm(stop, stop + 1))
+        for stop, step in enumerate(np.diff(readings))
     )
 
 

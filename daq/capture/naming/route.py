@@ -132,7 +132,9 @@ def judge_step(
         return backwards
     if agrees(measured_mm, 0.0):
         return message("no-move", moved_mm=measured_mm, wanted_mm=nominal)
-    if to_stop + 1 < len(route) and agrees(measured_mm, route.step_mm(from_stop, to_stop + 1)):
+    if to_stop + 1 < len(route) and agrees(
+        measured_mm, route.step_mm(from_stop, to_stop + 1)
+    ):
         return message(
             "stop-missing.sequence",
             moved_mm=measured_mm,
@@ -147,7 +149,9 @@ def judge_step(
     return message("step-mismatch", moved_mm=measured_mm, wanted_mm=nominal)
 
 
-def _backwards(route: Route, from_stop: int, to_stop: int, measured_mm: float) -> Message | None:
+def _backwards(
+    route: Route, from_stop: int, to_stop: int, measured_mm: float
+) -> Message | None:
     """Return the fault of a step with the right size in the wrong direction; None without such a
     fault.
     """
@@ -167,7 +171,10 @@ def _backwards(route: Route, from_stop: int, to_stop: int, measured_mm: float) -
         return message("wrong-laser-sign", moved_mm=measured_mm, wanted_mm=nominal)
     if from_the_end:
         return message(
-            "wrong-direction", moved_mm=measured_mm, wanted_mm=nominal, start=_start_words(route)
+            "wrong-direction",
+            moved_mm=measured_mm,
+            wanted_mm=nominal,
+            start=_start_words(route),
         )
     return None
 

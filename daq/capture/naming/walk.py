@@ -110,7 +110,9 @@ class Chain:
     leads to no stop.
     """
 
-    def __init__(self, routes: tuple[Route, ...], *begins: Path, signalled: bool = True) -> None:
+    def __init__(
+        self, routes: tuple[Route, ...], *begins: Path, signalled: bool = True
+    ) -> None:
         self._routes = routes
         self._signalled = signalled
         self._steps_mm = [
@@ -135,7 +137,9 @@ class Chain:
         paths = sorted(best.values(), key=lambda path: -path.score)[:KEPT]
         first = paths[0]
         self._paths = [path for path in paths if first.score - path.score < WITHIN]
-        others = (path.score for path in paths if (path.way, path.name) != (first.way, first.name))
+        others = (
+            path.score for path in paths if (path.way, path.name) != (first.way, first.name)
+        )
         self.margin = first.score - max(others, default=-math.inf)
         return first
 
@@ -165,7 +169,8 @@ class Chain:
             elif look.reading_mm is not None:
                 known = {**known, stop: look.reading_mm}
             yield replace(
-                _extended(path, look, stop, float(score[stop]), bool(counted[stop])), known=known
+                _extended(path, look, stop, float(score[stop]), bool(counted[stop])),
+                known=known,
             )
         yield replace(
             path, score=nowhere, nowhere=True, count=look.count, names=(*path.names, None)
@@ -282,7 +287,10 @@ class Walk:
     ) -> None:
         self.route = route
         begin = Path(
-            stop=expected - 1, known=dict(known or {}), count=last_count, left_mm=last_reading_mm
+            stop=expected - 1,
+            known=dict(known or {}),
+            count=last_count,
+            left_mm=last_reading_mm,
         )
         self.chain = Chain((route,), begin)
         self.apart: Message | None = None
@@ -364,7 +372,11 @@ class Walk:
         )
         self.unsure = message("place-unknown") if self.chain.margin < SURE else None
         if path.name is None:
-            return None, path.names, [*(odd if placed else []), self._nowhere(signals.commanded_mm)]
+            return (
+                None,
+                path.names,
+                [*(odd if placed else []), self._nowhere(signals.commanded_mm)],
+            )
         if self.expected == 0 and not placed and before and len(path.known) == 1:
             self.apart = message("reads-no-stop")
         if counted == 0 and path.stop == self._last_stop:
@@ -401,7 +413,9 @@ class Walk:
         """Return the finding of a counter that names another stop."""
         if position_mm is None:
             return self.finding(
-                "warning", stop, message("count-disagrees.with-laser", counted=by_count, named=stop)
+                "warning",
+                stop,
+                message("count-disagrees.with-laser", counted=by_count, named=stop),
             )
         words = message(
             "count-disagrees.with-position",
@@ -463,7 +477,9 @@ class Walk:
         self.expected = index + 1
         self._last_count = count
 
-    def finding(self, severity: Severity, stop: int, words: Message, code: str = "") -> Finding:
+    def finding(
+        self, severity: Severity, stop: int, words: Message, code: str = ""
+    ) -> Finding:
         """Return the finding of a message at a stop of the pass; a phrase needs its ``code``."""
         return finding(
             severity,
@@ -491,7 +507,9 @@ class Walk:
             return self.expected, self._stuck(count)
         if 1 < steps <= COUNTER_TRUSTED:
             index = self.expected + steps - 1
-            missed = message("stop-missed", before=self._last_count, now=count, missed=steps - 1)
+            missed = message(
+                "stop-missed", before=self._last_count, now=count, missed=steps - 1
+            )
             return index, [self.finding("warning", self.expected, missed)]
         back = message(
             "count-disagrees.anew", before=self._last_count, now=count, most=COUNT_MODULUS - 1

@@ -108,7 +108,9 @@ def remarked(
         )
 
 
-def _marked(stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Message]) -> CapturedStop:
+def _marked(
+    stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Message]
+) -> CapturedStop:
     stop = msgspec.structs.replace(stop, held=held)
     for words in doubted:
         stop = marked(stop, words)

@@ -50,7 +50,9 @@ def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, .
             *assumed(survey, without),
         )
     texts = list(_without_position(survey)) if not places_known(survey) else []
-    missing = [words for name, words in OF_THE_STOPS.items() if name not in survey.plc.signal_names]
+    missing = [
+        words for name, words in OF_THE_STOPS.items() if name not in survey.plc.signal_names
+    ]
     findings = [warning("signals-absent.position", whys=texts)] if texts else []
     if "setup" not in survey.plc.signal_names and len(_diagonals(survey)) > 1:
         text = message("signals-absent.setup")
@@ -70,7 +72,9 @@ def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...
     needed = needed_conditions(survey)
     unmeasured = [name for name in needed if name not in measured and name not in without]
     values = [
-        message("condition-value", name=CONDITIONS[name], value=getattr(survey.environment, name))
+        message(
+            "condition-value", name=CONDITIONS[name], value=getattr(survey.environment, name)
+        )
         for name in unmeasured
     ]
     if not values:

@@ -88,7 +88,11 @@ def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
     """
     latest_ns = dwell.to_ns + ARRIVAL_SLACK_NS
     cuts = sorted(
-        {event.time_ns for event in stream.breaks if dwell.from_ns < event.time_ns <= latest_ns}
+        {
+            event.time_ns
+            for event in stream.breaks
+            if dwell.from_ns < event.time_ns <= latest_ns
+        }
     )
     parts: list[Part] = []
     begin = dwell.from_ns
@@ -194,12 +198,16 @@ def _unsteady(window: Window, rules: StopRules) -> list[Message]:
     """
     if abs(window.slope_um_s) > rules.max_slope_um_s + STEADY_SIGMAS * window.u_slope_um_s:
         return [
-            message("stop-doubtful", slope_um_s=window.slope_um_s, limit_um_s=rules.max_slope_um_s)
+            message(
+                "stop-doubtful", slope_um_s=window.slope_um_s, limit_um_s=rules.max_slope_um_s
+            )
         ]
     if window.scatter_um > rules.max_scatter_um:
         return [
             message(
-                "stop-doubtful.scatter", scatter_um=window.scatter_um, limit_um=rules.max_scatter_um
+                "stop-doubtful.scatter",
+                scatter_um=window.scatter_um,
+                limit_um=rules.max_scatter_um,
             )
         ]
     return []
@@ -220,7 +228,8 @@ class PassNoise:
         beyond_um_s = abs(window.slope_um_s) - rules.max_slope_um_s
         slow_step_um = SIGMAS * slow_um_s * window.duration_s
         explained = {
-            "stop-doubtful": beyond_um_s <= sigmas * math.hypot(window.u_slope_um_s, slow_um_s),
+            "stop-doubtful": beyond_um_s
+            <= sigmas * math.hypot(window.u_slope_um_s, slow_um_s),
             "window-step": step_sigmas <= STEP_ALONE_SIGMAS
             if alone
             else abs(step_um) <= slow_step_um,
@@ -257,7 +266,9 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
     off_mm = (span.position_mm - taken.window.mean_mm) * np.sign(step_mm)
     sides = np.sign(np.where(np.abs(off_mm) > away_mm, off_mm, 0.0))
     enough = len(sides) >= LEAST_SAMPLES
-    in_a_row = np.convolve(sides, np.ones(LEAST_SAMPLES), mode="valid") if enough else sides[:0]
+    in_a_row = (
+        np.convolve(sides, np.ones(LEAST_SAMPLES), mode="valid") if enough else sides[:0]
+    )
     away = np.flatnonzero(np.abs(in_a_row) == LEAST_SAMPLES)
     if not len(away) or any(
         span.time_ns[away[-1]] <= each.time_ns <= taken.to_ns for each in stream.breaks

@@ -125,8 +125,12 @@ class DwellTracker:
         """Return the position that was read for the longest time, the first of equals; the median
         where no position was read for half of the time.
         """
-        longest = max(self._held_ns, key=lambda place: (self._held_ns[place], place == before))
-        flickers = None not in self._held_ns and 2 * self._held_ns[longest] < self._held_ns.total()
+        longest = max(
+            self._held_ns, key=lambda place: (self._held_ns[place], place == before)
+        )
+        flickers = (
+            None not in self._held_ns and 2 * self._held_ns[longest] < self._held_ns.total()
+        )
         return _median_place(self._held_ns) if flickers else longest
 
     def stale(self, since_ns: int) -> None:
@@ -150,11 +154,15 @@ def _median_place(held_ns: Mapping[Place, int]) -> Place:
     was read.
     """
     places = np.array([place for place in held_ns if place is not None])
-    weight = np.array([ns for place, ns in held_ns.items() if place is not None], dtype=np.float64)
+    weight = np.array(
+        [ns for place, ns in held_ns.items() if place is not None], dtype=np.float64
+    )
     order = np.argsort(places, axis=0)
     share = np.cumsum(weight[order], axis=0) / weight.sum()
     middle = np.argmax(share >= 0.5, axis=0)
-    x_mm, y_mm, z_mm = (float(places[order[row, axis], axis]) for axis, row in enumerate(middle))
+    x_mm, y_mm, z_mm = (
+        float(places[order[row, axis], axis]) for axis, row in enumerate(middle)
+    )
     return x_mm, y_mm, z_mm
 
 
@@ -253,7 +261,8 @@ class Standstills:
             return False
         one = _one(self._taken, going_on, placing) if placing is not None else None
         placed = (
-            going_on.signals.stop_count is not None or going_on.signals.commanded_mm is not None
+            going_on.signals.stop_count is not None
+            or going_on.signals.commanded_mm is not None
         )
         return (
             one
@@ -286,7 +295,8 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     if placing is None:
         return flicker and after.signals.stop_count is not None
     if not unbroken and (
-        not flicker or any(before.end_ns < each.time_ns <= after.from_ns for each in placing.breaks)
+        not flicker
+        or any(before.end_ns < each.time_ns <= after.from_ns for each in placing.breaks)
     ):
         return False
     then = _beginning_mm(after, placing)
@@ -322,7 +332,9 @@ def _single_dwell(before: _Waiting, after: Dwell) -> _Waiting:
     """
     lasts_ns = after.to_ns - after.from_ns
     if after.not_before_ns is not None and after.not_before_ns > before.dwell.from_ns:
-        longer = after if lasts_ns >= before.dwell.to_ns - before.dwell.from_ns else before.dwell
+        longer = (
+            after if lasts_ns >= before.dwell.to_ns - before.dwell.from_ns else before.dwell
+        )
         return replace(_alone(longer), end_ns=after.to_ns)
     longest = _alone(after) if lasts_ns >= before.held_ns else before
     whole = replace(

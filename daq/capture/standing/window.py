@@ -50,7 +50,9 @@ class Placing(Protocol):
     def resolution_um(self) -> float: ...
 
     def newest_ns(self) -> float: ...
-    def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span: ...
+    def span(
+        self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf
+    ) -> Span: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +95,9 @@ def summarise(
     slope, u_slope = _trend(times, values)
     inflation = _variance_inflation(values - mean)
     resolution = (
-        _resolution_um(values) if np.ptp(values) > 0.0 else max(resolution_um, RESOLUTION_FLOOR_UM)
+        _resolution_um(values)
+        if np.ptp(values) > 0.0
+        else max(resolution_um, RESOLUTION_FLOOR_UM)
     )
     return Window(
         mean_mm=centre + mean * 1e-3,
@@ -194,7 +198,9 @@ def find_plateaus(
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         from_ns, to_ns = float(starts[begin]), float(starts[end] + BIN_NS)
         if to_ns - from_ns >= at_least_s * 1e9:
-            plateaus.append(Plateau(from_ns, to_ns, float(np.median(levels[begin : end + 1]))))
+            plateaus.append(
+                Plateau(from_ns, to_ns, float(np.median(levels[begin : end + 1])))
+            )
     return plateaus
 
 
@@ -280,7 +286,9 @@ def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
     if abs(step) <= LEAST_STEP_UM:
         return 0.0, 0.0
     rest = blocks - np.where(np.arange(count) < at, before, after)
-    sharp = float(np.median(blocks[at : at + NEAR]) - np.median(blocks[max(0, at - NEAR) : at]))
+    sharp = float(
+        np.median(blocks[at : at + NEAR]) - np.median(blocks[max(0, at - NEAR) : at])
+    )
     noise_um = float(np.std(rest))
     two_levels = float(rest @ rest) < UNLIKE_A_DRIFT * _squares_of_a_line(blocks)
     found = abs(step) > SIGMAS * noise_um and two_levels and abs(sharp) > SHARP * abs(step)

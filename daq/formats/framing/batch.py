@@ -9,7 +9,9 @@ from stepdiag.base.messages import Words
 from stepdiag.daq.formats.framing.counter import Break
 from stepdiag.daq.timing.samples import Flag, Notice, NoticeCode, Samples
 
-Columns = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.uint16]]
+Columns = tuple[
+    NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.uint16]
+]
 """Counter, position in mm, beam, flags; each of shape (rows,)."""
 
 
@@ -112,7 +114,9 @@ def mark(flags: NDArray[np.uint16], where: NDArray[np.bool_], flag: Flag) -> Non
     flags[where] |= np.uint16(flag)
 
 
-def judge_beam(beam: NDArray[np.float64], threshold: float, flags: NDArray[np.uint16]) -> None:
+def judge_beam(
+    beam: NDArray[np.float64], threshold: float, flags: NDArray[np.uint16]
+) -> None:
     """Mark beams (0 to 1) below ``threshold`` as lost and below twice that as weak; an unknown beam
     (NaN) is neither."""
     lost = beam < threshold

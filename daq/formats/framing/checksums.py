@@ -45,12 +45,18 @@ def _crc_table(crc: Crc) -> tuple[int, ...]:
     if crc.reflected:
         polynomial = int(f"{crc.polynomial:0{crc.width}b}"[::-1], 2)
         return tuple(
-            reduce(lambda register, _: register >> 1 ^ polynomial * (register & 1), range(8), byte)
+            reduce(
+                lambda register, _: register >> 1 ^ polynomial * (register & 1),
+                range(8),
+                byte,
+            )
             for byte in _EVERY_BYTE
         )
     return tuple(
         reduce(
-            lambda register, _: (register << 1 ^ crc.polynomial * (register & top != 0)) & mask,
+            lambda register, _: (
+                (register << 1 ^ crc.polynomial * (register & top != 0)) & mask
+            ),
             range(8),
             byte << crc.width - 8,
         )
@@ -60,7 +66,12 @@ def _crc_table(crc: Crc) -> tuple[int, ...]:
 
 def checksum(crc: Crc) -> Checksum:
     """Return the checksum that a CRC describes."""
-    table, start, mask, shift = _crc_table(crc), crc.start, (1 << crc.width) - 1, crc.width - 8
+    table, start, mask, shift = (
+        _crc_table(crc),
+        crc.start,
+        (1 << crc.width) - 1,
+        crc.width - 8,
+    )
 
     def reflected(data: bytes) -> int:
         register = start

@@ -71,9 +71,9 @@ class FrameBuffer:
             if at > start:
                 yield from self._report(0)
                 self._begins, self._quoted = b"", False
-                yield np.frombuffer(data, dtype=np.uint8, count=at - start, offset=start).reshape(
-                    -1, self._size
-                )
+                yield np.frombuffer(
+                    data, dtype=np.uint8, count=at - start, offset=start
+                ).reshape(-1, self._size)
             if self._may_begin(data[at:]):
                 break
             after = self._next_sync(data, at + 1)
@@ -98,7 +98,8 @@ class FrameBuffer:
             return found
         tail = max(start, len(data) - len(self._sync))
         return next(
-            (at for at in range(tail, len(data)) if self._sync.startswith(data[at:])), len(data)
+            (at for at in range(tail, len(data)) if self._sync.startswith(data[at:])),
+            len(data),
         )
 
     def _report(self, cap: int) -> Iterator[Junk]:

@@ -30,7 +30,9 @@ class Place:
     size: int
     kind: str
 
-    def column(self, frames: Frames, order: ByteOrder) -> NDArray[np.float64] | NDArray[np.int64]:
+    def column(
+        self, frames: Frames, order: ByteOrder
+    ) -> NDArray[np.float64] | NDArray[np.int64]:
         """Return the number of every frame, shape (frames,): whole ones as int64 (unsigned beyond
         that wrap), real ones as float64."""
         raw = frames[:, self.at : self.at + self.size]
@@ -75,4 +77,6 @@ def read_layout(texts: tuple[str, ...], start: int) -> tuple[dict[str, Place], i
 
 
 def _refused(why: Message) -> UsageError:
-    return UsageError("survey: laser.frames.layout", expected=message("fields-such-as"), found=why)
+    return UsageError(
+        "survey: laser.frames.layout", expected=message("fields-such-as"), found=why
+    )

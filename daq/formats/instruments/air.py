@@ -147,7 +147,9 @@ class AirDecoder:
         ):
             batch.note("environment", name=name, value=value)
         flags = np.array([0 if known.any() else Flag.DEVICE_ERROR], dtype=np.uint16)
-        batch.add(np.array([self._number]), np.array([np.nan]), flags, channels=values[None, :])
+        batch.add(
+            np.array([self._number]), np.array([np.nan]), flags, channels=values[None, :]
+        )
         self._number += 1
 
     def _value(self, name: str, text: str | None) -> float:
@@ -160,7 +162,11 @@ class AirDecoder:
             return number * HPA[self._settings.pressure_unit]
         if name == "relative_humidity_percent" or self._settings.temperature_unit == "C":
             return number
-        return number - 273.15 if self._settings.temperature_unit == "K" else (number - 32.0) / 1.8
+        return (
+            number - 273.15
+            if self._settings.temperature_unit == "K"
+            else (number - 32.0) / 1.8
+        )
 
 
 class AskedAirDecoder(AirDecoder):

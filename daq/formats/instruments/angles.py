@@ -25,10 +25,16 @@ from stepdiag.daq.formats.instruments.line import line_pattern
 from stepdiag.daq.timing.samples import Flag, Samples
 
 AngleUnit = Literal["arcsec", "urad", "mrad", "deg"]
-URAD = {"arcsec": math.pi / 180 / 3600 * 1e6, "urad": 1.0, "mrad": 1e3, "deg": math.pi / 180 * 1e6}
+URAD = {
+    "arcsec": math.pi / 180 / 3600 * 1e6,
+    "urad": 1.0,
+    "mrad": 1e3,
+    "deg": math.pi / 180 * 1e6,
+}
 NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,2})?"
 ELCOMAT = (
-    rf"\s*3\s+[0-9][0-9](?P<valid>[0-3])[0-9]*\s+(?P<first>{NUMBER})\s+(?P<second>{NUMBER})\s*"
+    r"\s*3\s+[0-9][0-9](?P<valid>[0-3])[0-9]*"
+    rf"\s+(?P<first>{NUMBER})\s+(?P<second>{NUMBER})\s*"
 )
 ELCOMAT_GREETING = "s\nA\n"
 WYLER = rf"\s*[^\s,;]+[\s,;]+(?P<first>{NUMBER})(?:[\s,;].*)?"
@@ -122,7 +128,11 @@ class AnglesDecoder:
         return batch.samples(arrival_ns)
 
     def _add(self, line: bytes, batch: Batch) -> None:
-        found = self._pattern.fullmatch(line.decode("latin-1")) if len(line) <= _LINE_CAP else None
+        found = (
+            self._pattern.fullmatch(line.decode("latin-1"))
+            if len(line) <= _LINE_CAP
+            else None
+        )
         values = self._values(found.groupdict()) if found is not None else None
         if values is None:
             batch.note("garbage", quote(line))
@@ -130,7 +140,9 @@ class AnglesDecoder:
         flags = np.zeros(1, dtype=np.uint16)
         if not np.isfinite(values).all():
             flags[0] = np.uint16(Flag.OUT_OF_RANGE)
-        batch.add(np.array([self._number]), np.array([np.nan]), flags, channels=values[None, :])
+        batch.add(
+            np.array([self._number]), np.array([np.nan]), flags, channels=values[None, :]
+        )
         self._number += 1
 
     def _values(

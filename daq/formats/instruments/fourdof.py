@@ -34,7 +34,9 @@ class FourdofSettings:
 
     def __post_init__(self) -> None:
         full = self.full_sum
-        require(full is None or min(full) > 0, "head.full_sum", message("three-above-0"), full)
+        require(
+            full is None or min(full) > 0, "head.full_sum", message("three-above-0"), full
+        )
         require(
             0 <= self.beam_threshold < 1,
             "head.beam_threshold",
@@ -62,7 +64,9 @@ _SATURATED = 0b0000_0111
 """Status bits: Readings of QD, PSD 1 and PSD 2 at the end of their converter's range."""
 _HEAD_FAULT = 0b1000_0000
 _NUMBER = rb"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?"
-_LINE = re.compile(rb"\$(4D,([0-9]{1,10}),([0-9]{1,3})((?:,%b){9}))\*([0-9A-Fa-f]{4})\r?" % _NUMBER)
+_LINE = re.compile(
+    rb"\$(4D,([0-9]{1,10}),([0-9]{1,3})((?:,%b){9}))\*([0-9A-Fa-f]{4})\r?" % _NUMBER
+)
 
 
 def crc16(data: bytes) -> int:
@@ -137,7 +141,11 @@ class FourdofDecoder:
         beam = self._beam(channels)
         judge_beam(beam, self._settings.beam_threshold, flags)
         batch.add(
-            followed.counter, np.full(len(status), np.nan), flags, beam=beam, channels=channels
+            followed.counter,
+            np.full(len(status), np.nan),
+            flags,
+            beam=beam,
+            channels=channels,
         )
 
     def _beam(self, channels: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -54,7 +54,10 @@ class FramesSettings:
 
     def __post_init__(self) -> None:
         require(
-            0 < len(self.sync_bytes) <= 16, "laser.frames.sync", message("sync-bytes"), self.sync
+            0 < len(self.sync_bytes) <= 16,
+            "laser.frames.sync",
+            message("sync-bytes"),
+            self.sync,
         )
         places, _ = read_layout(self.layout, len(self.sync_bytes))
         require(
@@ -99,7 +102,10 @@ class FramesSettings:
             require(mask >= 0, f"laser.frames.{name}", message("mask-of-bits"), mask)
         require(self.scale != 0, "laser.frames.scale", message("number-not-zero"), self.scale)
         require(
-            self.beam_full > 0, "laser.frames.beam_full", message("number-above-0"), self.beam_full
+            self.beam_full > 0,
+            "laser.frames.beam_full",
+            message("number-above-0"),
+            self.beam_full,
         )
         require(
             0 <= self.beam_threshold < 1,
@@ -182,7 +188,9 @@ class FramesDecoder:
         if not checksum.size:
             return True
         end = len(frame) - checksum.size
-        checksum_sent = int.from_bytes(frame[end:], settings.checksum_order or settings.byte_order)
+        checksum_sent = int.from_bytes(
+            frame[end:], settings.checksum_order or settings.byte_order
+        )
         return checksum_sent == checksum.of(frame[settings.checksum_from : end])
 
     def _add(self, frames: Frames, batch: Batch) -> None:
@@ -207,7 +215,8 @@ class FramesDecoder:
         beam = None
         if "beam" in self._places:
             beam = np.clip(
-                np.nan_to_num(self._column(kept, "beam").astype(np.float64)) / settings.beam_full,
+                np.nan_to_num(self._column(kept, "beam").astype(np.float64))
+                / settings.beam_full,
                 0.0,
                 1.0,
             )

@@ -95,7 +95,10 @@ class Ids3010Decoder:
         names = f"com.attocube.{settings.interface}.displacement."
         self.request = _request(names + "getAxesDisplacement", _DISPLACEMENT)
         self.others = [
-            (_request(names + "getAxisSignalQuality", _QUALITY, settings.axis - 1), QUALITY_EVERY_S)
+            (
+                _request(names + "getAxisSignalQuality", _QUALITY, settings.axis - 1),
+                QUALITY_EVERY_S,
+            )
         ]
         if settings.air:
             self.others += [
@@ -130,7 +133,11 @@ class Ids3010Decoder:
         except (msgspec.MsgspecError, UnicodeDecodeError, OverflowError):
             batch.note("garbage", message("no-ids-answer", quoted=quote(line)))
             return
-        if answer.error is not None or not numbers or len(numbers) != len(answer.result or ()):
+        if (
+            answer.error is not None
+            or not numbers
+            or len(numbers) != len(answer.result or ())
+        ):
             self._refused(answer, line, batch)
         elif answer.id == _DISPLACEMENT and len(numbers) == 4:
             self._add(int(numbers[0]), numbers[self._settings.axis], batch)

@@ -115,8 +115,12 @@ class LasertexDecoder:
             if not distances:
                 return b""
             last = distances[-1]
-            clear_signal = command(_CLEAR_SIGNAL) if not last[_STATE_BYTE] & _SIGNAL_GOOD else b""
-            return clear_signal + (command(_CLEAR_VELOCITY) if last[_SPEED_BYTE] & _SPEED else b"")
+            clear_signal = (
+                command(_CLEAR_SIGNAL) if not last[_STATE_BYTE] & _SIGNAL_GOOD else b""
+            )
+            return clear_signal + (
+                command(_CLEAR_VELOCITY) if last[_SPEED_BYTE] & _SPEED else b""
+            )
 
         return respond
 
@@ -143,7 +147,9 @@ class LasertexDecoder:
             batch.note("garbage", message("frame-unknown", code=f"{code:04x}"))
 
     def _add(self, frames: Frames, batch: Batch) -> None:
-        position_mm = _VALUE.column(frames, "big").astype(np.float64) * _MM * self._settings.sign
+        position_mm = (
+            _VALUE.column(frames, "big").astype(np.float64) * _MM * self._settings.sign
+        )
         flags = np.zeros(len(frames), dtype=np.uint16)
         mark(flags, (frames[:, _SPEED_BYTE] & _SPEED) != 0, Flag.SLEW)
         mark(flags, (frames[:, _STATE_BYTE] & _LASER_READY) == 0, Flag.HEAD_ERROR)
@@ -153,13 +159,18 @@ class LasertexDecoder:
         )
         judge_beam(beam, self._settings.beam_threshold, flags)
         first, self._number = self._number, self._number + len(frames)
-        batch.add(np.arange(first, self._number, dtype=np.int64), position_mm, flags, beam=beam)
+        batch.add(
+            np.arange(first, self._number, dtype=np.int64), position_mm, flags, beam=beam
+        )
 
     def _hear_weather(self, frame: bytes, batch: Batch) -> None:
         """Process a report of a sensor: number, temperature in 0.01 C, humidity in %, battery,
         link, pressure in 10 Pa.
         """
-        sensor, temperature_c = frame[3], int.from_bytes(frame[4:6], "big", signed=True) * 0.01
+        sensor, temperature_c = (
+            frame[3],
+            int.from_bytes(frame[4:6], "big", signed=True) * 0.01,
+        )
         if sensor == _AIR_SENSOR:
             pressure_hpa = int.from_bytes(frame[9:11], "big") * 0.1
             measured = {
@@ -170,7 +181,8 @@ class LasertexDecoder:
         else:
             self._material_c[sensor] = temperature_c
             measured = {
-                "material_temperature_c": sum(self._material_c.values()) / len(self._material_c)
+                "material_temperature_c": sum(self._material_c.values())
+                / len(self._material_c)
             }
         for name, value in measured.items():
             batch.note("environment", name=name, value=value)

@@ -70,7 +70,10 @@ class LineSettings:
             modulus,
         )
         require(
-            self.beam_full > 0, "laser.line.beam_full", message("number-above-0"), self.beam_full
+            self.beam_full > 0,
+            "laser.line.beam_full",
+            message("number-above-0"),
+            self.beam_full,
         )
         require(
             0 <= self.beam_threshold < 1,
@@ -201,7 +204,9 @@ class LineDecoder:
         batch.add(self._track.follow(_counts(rows)).counter, position_mm, flags, beam=beam)
         return batch.samples(arrivals_of_lines(chunks, self._terminator))
 
-    def _numbered(self, parsed: Sequence[tuple[float, str | None, float]]) -> list[_Row] | None:
+    def _numbered(
+        self, parsed: Sequence[tuple[float, str | None, float]]
+    ) -> list[_Row] | None:
         """Return rows with the count in their lines, or with the next free numbers; None where a
         line has no count.
         """
@@ -234,7 +239,9 @@ class LineDecoder:
         if found is None:
             return None
         fields = [None if place is None else found[place] for place in self._places]
-        position, counter, beam = [None if value is None else value.decode() for value in fields]
+        position, counter, beam = [
+            None if value is None else value.decode() for value in fields
+        ]
         return _number(position), counter, _number(beam)
 
     def _count(self, text: str | None) -> int | None:

@@ -60,7 +60,9 @@ _STX, _ACK, _LF, _NAK = 0x02, 0x06, 0x0A, 0x15
 _REQUESTS = {"current": b"\x1bA0200\r", "displayed": b"\x1bA0100\r"}
 _GRAMMAR = {
     "current": re.compile(rb"[+-][0-9]{1,9}"),  # sign and nine digits, no point
-    "displayed": re.compile(rb"[+-]?[0-9]*\.?[0-9]+"),  # ten to thirteen characters with the point
+    "displayed": re.compile(
+        rb"[+-]?[0-9]*\.?[0-9]+"
+    ),  # ten to thirteen characters with the point
 }
 _MM_PER_UNIT = {"mm": 1.0, "inch": 25.4}
 
@@ -79,7 +81,9 @@ class NdDecoder:
         self._settings = settings
         self._grammar = _GRAMMAR[settings.value]
         unit_mm = (
-            settings.resolution_mm if settings.value == "current" else _MM_PER_UNIT[settings.unit]
+            settings.resolution_mm
+            if settings.value == "current"
+            else _MM_PER_UNIT[settings.unit]
         )
         self._mm = settings.sign * unit_mm
         self._line = bytearray()
@@ -136,7 +140,9 @@ class NdDecoder:
         if self._line or 0 < self._axis <= self._settings.axis:
             batch.note(
                 "device",
-                message("answer-ended", axis=self._settings.axis, quoted=quote(bytes(self._line))),
+                message(
+                    "answer-ended", axis=self._settings.axis, quoted=quote(bytes(self._line))
+                ),
             )
         self.resync()
 
@@ -149,6 +155,8 @@ class NdDecoder:
 
     def _add(self, position_mm: float, flag: Flag, batch: Batch) -> None:
         batch.add(
-            np.array([self._number]), np.array([position_mm]), np.array([flag], dtype=np.uint16)
+            np.array([self._number]),
+            np.array([position_mm]),
+            np.array([flag], dtype=np.uint16),
         )
         self._number += 1

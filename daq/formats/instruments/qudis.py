@@ -74,11 +74,13 @@ _MM = 1e-9
 _LOW24, _MARKER7, _HIGH_MARK = 0xFFFFFF, 0x7F, 1 << 31
 
 
-def telegram(opcode: int, address: int, index: int = 0, *data: int, correlation: int = 0) -> bytes:
+def telegram(
+    opcode: int, address: int, index: int = 0, *data: int, correlation: int = 0
+) -> bytes:
     """Return a telegram as it goes over the wire."""
-    return _HEADER.pack(16 + 4 * len(data), opcode, address, index, correlation) + struct.pack(
-        f"<{len(data)}i", *data
-    )
+    return _HEADER.pack(
+        16 + 4 * len(data), opcode, address, index, correlation
+    ) + struct.pack(f"<{len(data)}i", *data)
 
 
 class QudisDecoder:
@@ -94,14 +96,19 @@ class QudisDecoder:
     def __init__(self, settings: QudisSettings) -> None:
         self._settings = settings
         self._telegrams = _TelegramBuffer()
-        self._track = CounterTrack([Wrap(0, 2**32 - 1, 1_000_000), Wrap(0, 2**31 - 1, 1_000_000)])
+        self._track = CounterTrack(
+            [Wrap(0, 2**32 - 1, 1_000_000), Wrap(0, 2**31 - 1, 1_000_000)]
+        )
         self.repeats_after = 2.0**31
         self._state: int | None = None
         self._source = source = 2 * settings.axis - 1 + settings.absolute
         self._other_source = False
         self.greeting = b"".join(
             [
-                *(telegram(_SET, _TRIGGER, channel, _NO_TRIGGER) for channel in range(_CHANNELS)),
+                *(
+                    telegram(_SET, _TRIGGER, channel, _NO_TRIGGER)
+                    for channel in range(_CHANNELS)
+                ),
                 telegram(_SET, _AVERAGE, 0, settings.average),
                 *(
                     telegram(_SET, address, 0, value)
@@ -113,7 +120,11 @@ class QudisDecoder:
                 ),
                 *(
                     telegram(_SET, address, 0, value)
-                    for address, value in ((_SOURCE, source), (_EVEN, 1), (_TRIGGER, _POSITIONS))
+                    for address, value in (
+                        (_SOURCE, source),
+                        (_EVEN, 1),
+                        (_TRIGGER, _POSITIONS),
+                    )
                 ),
                 *(telegram(_SET, address, 0, 1) for address in (_EVENTS_ON, _DATA_ON)),
                 *(telegram(_GET, address, correlation=1) for address in (_STATE, _SOURCE)),
@@ -144,9 +155,12 @@ class QudisDecoder:
         elif opcode == _TELL and _DATA < address < _DATA + _CHANNELS:
             batch.note("device", message("other-channel", channel=address - _DATA))
         elif opcode == _ACK and len(words) and words[0]:
-            reason = _REASONS.get(int(words[0])) or message("reason-number", number=int(words[0]))
+            reason = _REASONS.get(int(words[0])) or message(
+                "reason-number", number=int(words[0])
+            )
             batch.note(
-                "device", message("instrument-refuses", address=f"{address:04x}", reason=reason)
+                "device",
+                message("instrument-refuses", address=f"{address:04x}", reason=reason),
             )
         elif address == _STATE and len(words) == 1 + (opcode == _ACK):
             self._hear_state(int(words[-1]), batch)
@@ -182,9 +196,9 @@ class QudisDecoder:
         followed = self._track.follow(count)
         batch.remark(followed.breaks, followed.keep)
         halves = (high & _LOW24) << 24 | (low & _LOW24)
-        position_mm = np.where(halves >= 1 << 47, halves - (1 << 48), halves)[followed.keep] * (
-            _MM * self._settings.sign
-        )
+        position_mm = np.where(halves >= 1 << 47, halves - (1 << 48), halves)[
+            followed.keep
+        ] * (_MM * self._settings.sign)
         marker = ((low >> 24 & _MARKER7) | (high >> 24 & _MARKER7) << 7)[followed.keep]
         wrong = (
             Flag.DEVICE_ERROR
@@ -192,7 +206,9 @@ class QudisDecoder:
             else Flag(0)
         )
         flags = np.full(len(position_mm), wrong, dtype=np.uint16)
-        batch.add(followed.counter, position_mm, flags, channels=marker[:, None].astype(np.float64))
+        batch.add(
+            followed.counter, position_mm, flags, channels=marker[:, None].astype(np.float64)
+        )
 
 
 class _TelegramBuffer:

@@ -26,7 +26,10 @@ class TqdSettings:
 
     def __post_init__(self) -> None:
         require(
-            0 < self.poll_hz <= 200, "head.poll_hz", message("number-up-to", most=200), self.poll_hz
+            0 < self.poll_hz <= 200,
+            "head.poll_hz",
+            message("number-up-to", most=200),
+            self.poll_hz,
         )
         require(
             0 < self.full_sum_v <= 40,

@@ -46,7 +46,9 @@ class Waiter:
     is its last call.
     """
 
-    def __init__(self, name: str, hang_up: Callable[[], None], close: Callable[[], object]) -> None:
+    def __init__(
+        self, name: str, hang_up: Callable[[], None], close: Callable[[], object]
+    ) -> None:
         self._hang_up = hang_up
         self._close = close
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
@@ -179,7 +181,9 @@ class BlockingLink(ABC):
             raise silent(self._address, limit_s) from error
 
 
-async def opened(waiter: Waiter, connect: Callable[[], None], address: str, limit_s: float) -> None:
+async def opened(
+    waiter: Waiter, connect: Callable[[], None], address: str, limit_s: float
+) -> None:
     """Connect in the thread. Raises the errors of ``connect``, LostConnectionError after
     ``limit_s``; the thread has then ended.
     """

@@ -25,7 +25,11 @@ from stepdiag.daq.links.controls.blocking import (
     silent,
     unreachable,
 )
-from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, lost
+from stepdiag.daq.links.controls.modbus_errors import (
+    LostConnectionError,
+    RefusedRequestError,
+    lost,
+)
 from stepdiag.daq.links.ports.device import LARGEST_READ
 from stepdiag.daq.records.events import ReadRange
 
@@ -58,7 +62,11 @@ class Lsv2Link(BlockingLink):
     """One connection to the control; made by `open_link`, ended by ``close``."""
 
     def __init__(
-        self, settings: Lsv2Settings, ranges: Sequence[ReadRange], client: "LSV2", waiter: Waiter
+        self,
+        settings: Lsv2Settings,
+        ranges: Sequence[ReadRange],
+        client: "LSV2",
+        waiter: Waiter,
     ) -> None:
         super().__init__(settings.address, settings.timeout_s, ranges, waiter)
         self._client = client

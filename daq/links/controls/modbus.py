@@ -176,9 +176,14 @@ class ModbusLink:
         if answer.isError():
             self._in_step = True
             what = message(
-                "reading-table", count=wanted.count, table=wanted.table, address=wanted.address
+                "reading-table",
+                count=wanted.count,
+                table=wanted.table,
+                address=wanted.address,
             )
-            self.refusals[wanted] = refusal(self._settings.address, what, answer.exception_code)
+            self.refusals[wanted] = refusal(
+                self._settings.address, what, answer.exception_code
+            )
             return b""
         data = _wire_bytes(wanted, answer)
         if data is None:
@@ -269,7 +274,10 @@ async def _nobody(settings: ModbusSettings) -> LostConnectionError:
         except OSError as error:
             found, remedy = no_way(error, settings.connect_s, "Modbus TCP", _FIREWALL)
             return LostConnectionError(
-                settings.address, expected=message("expects-connection"), found=found, remedy=remedy
+                settings.address,
+                expected=message("expects-connection"),
+                found=found,
+                remedy=remedy,
             )
         finally:
             asking.end()
@@ -336,6 +344,7 @@ def _probe(ranges: Sequence[ReadRange]) -> ReadRange:
     lengths = {wanted.byte_count for wanted in ranges}
     unit = 8 if first.table in ("coil", "discrete") else 1
     candidates = (
-        ReadRange(first.table, first.address, 1 + unit * more) for more in range(len(lengths) + 1)
+        ReadRange(first.table, first.address, 1 + unit * more)
+        for more in range(len(lengths) + 1)
     )
     return next(probe for probe in candidates if probe.byte_count not in lengths)

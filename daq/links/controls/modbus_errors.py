@@ -63,7 +63,9 @@ def refusal(device: str, what: Message, code: int) -> RefusedRequestError:
     )
 
 
-def silence(device: str, timeout_s: float, *, serial: bool, late: Words = "") -> SilentDeviceError:
+def silence(
+    device: str, timeout_s: float, *, serial: bool, late: Words = ""
+) -> SilentDeviceError:
     """Return the error for a missing answer; ``late`` states that answers arrive after this
     time.
     """

@@ -120,9 +120,12 @@ class S7Link(BlockingLink):
             }
             for each in wanted
         ]
-        answers = self._ask(message("reading-all"), lambda: self._client.read_multi_vars(items)[1])
+        answers = self._ask(
+            message("reading-all"), lambda: self._client.read_multi_vars(items)[1]
+        )
         return {
-            each: self._whole(each, bytes(data)) for each, data in zip(wanted, answers, strict=True)
+            each: self._whole(each, bytes(data))
+            for each, data in zip(wanted, answers, strict=True)
         }
 
     def _each_alone(self, refusal: RefusedRequestError | None) -> list[bytes]:
@@ -131,7 +134,9 @@ class S7Link(BlockingLink):
         """
         data = super()._fetch_all()
         self._refused, self._again_s = dict(self.refusals), self._clock() + self._wait_s
-        self._wait_s = min(2 * self._wait_s, AGAIN_LONGEST_S) if self._refused else AGAIN_FIRST_S
+        self._wait_s = (
+            min(2 * self._wait_s, AGAIN_LONGEST_S) if self._refused else AGAIN_FIRST_S
+        )
         if refusal is not None and not self._refused:
             raise refusal
         return data
@@ -143,7 +148,9 @@ class S7Link(BlockingLink):
         return bytes(
             self._ask(
                 what,
-                lambda: self._client.db_read(int(wanted.table[2:]), wanted.address, wanted.count),
+                lambda: self._client.db_read(
+                    int(wanted.table[2:]), wanted.address, wanted.count
+                ),
             )
         )
 
@@ -182,7 +189,9 @@ async def open_link(settings: S7Settings, ranges: Sequence[ReadRange]) -> S7Link
             hang_up(client.connection.socket)
 
     waiter = Waiter("s7", end, client.disconnect)
-    await opened(waiter, lambda: _connect(client, settings), settings.address, 3.0 * CONNECT_S)
+    await opened(
+        waiter, lambda: _connect(client, settings), settings.address, 3.0 * CONNECT_S
+    )
     return S7Link(settings, ranges, client, waiter)
 
 
@@ -202,14 +211,25 @@ def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
     from snap7.error import S7TimeoutError
 
     if isinstance(error.__context__, OSError) and not isinstance(error, S7TimeoutError):
-        found, remedy = unreachable(error.__context__, CONNECT_S, message("protocol-s7"), _FIREWALL)
+        found, remedy = unreachable(
+            error.__context__, CONNECT_S, message("protocol-s7"), _FIREWALL
+        )
         return LostConnectionError(
-            settings.address, expected=message("expects-connection"), found=found, remedy=remedy
+            settings.address,
+            expected=message("expects-connection"),
+            found=found,
+            remedy=remedy,
         )
     if _OTHER.search(str(error)):
-        found, remedy = message("found-other-bytes", bytes=str(error)), message("do-other-product")
+        found, remedy = (
+            message("found-other-bytes", bytes=str(error)),
+            message("do-other-product"),
+        )
     elif isinstance(error, S7TimeoutError):
-        found, remedy = message("found-silence-for", seconds_s=CONNECT_S), message("do-nobody-s7")
+        found, remedy = (
+            message("found-silence-for", seconds_s=CONNECT_S),
+            message("do-nobody-s7"),
+        )
     else:
         refusal, rack = message("found-refusal", what=str(error)), message("do-rack")
         return LostConnectionError(
@@ -235,12 +255,17 @@ def _refusal(address: str, what: Message, error: Exception) -> DeviceError:
         )
     if getattr(error, "error_code", None) is not None:
         asked, protected = message("expects-answer-to", what=what), message("do-protected")
-        return RefusedRequestError(address, expected=asked, found=str(error), remedy=protected)
+        return RefusedRequestError(
+            address, expected=asked, found=str(error), remedy=protected
+        )
     from snap7.error import S7ConnectionError
 
     if isinstance(error, S7ConnectionError | OSError) and not _OTHER.search(str(error)):
         return lost(address)
     between = message("do-other-or-between")
     return StaleAnswerError(
-        address, expected=message("expects-answer-to", what=what), found=str(error), remedy=between
+        address,
+        expected=message("expects-answer-to", what=what),
+        found=str(error),
+        remedy=between,
     )

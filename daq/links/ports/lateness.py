@@ -18,7 +18,9 @@ class Lateness:
     length that it belongs to an earlier request (`ModbusLink`).
     """
 
-    def __init__(self, *, numbered: bool, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, *, numbered: bool, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self._numbered = numbered
         self._clock = clock
         self._asked_s: dict[bytes, float] = {}

@@ -71,7 +71,9 @@ class NetworkPort:
         self._connection = connection
         connection.settimeout(None)
         connection.setsockopt(
-            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, round(BUSY_WAIT_S * 1e6))
+            socket.SOL_SOCKET,
+            socket.SO_RCVTIMEO,
+            struct.pack("ll", 0, round(BUSY_WAIT_S * 1e6)),
         )
 
     def fileno(self) -> int:

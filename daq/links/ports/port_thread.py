@@ -97,7 +97,11 @@ class PortThread:
             silent_s = time.monotonic() - port.last_byte_s
             lost = losses.news(port.lost(), time.monotonic())
             if silent_s > SILENT_AFTER_S:
-                report("silent", message("no-byte", port=port.name, seconds_s=SILENT_AFTER_S), lost)
+                report(
+                    "silent",
+                    message("no-byte", port=port.name, seconds_s=SILENT_AFTER_S),
+                    lost,
+                )
             else:
                 report("connected", port.detail, lost)
 

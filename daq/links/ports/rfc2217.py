@@ -60,7 +60,9 @@ class ComPort:
         """Return the settings in words."""
         line = self._settings
         return message(
-            "line-agreed", baud=line.baud, frame=f"{line.bytesize}{line.parity}{line.stopbits}"
+            "line-agreed",
+            baud=line.baud,
+            frame=f"{line.bytesize}{line.parity}{line.stopbits}",
         )
 
     def opening(self) -> bytes:
@@ -150,7 +152,9 @@ class ComPort:
             *((_CONTROL, bytes((value,))) for value in control),
         ):
             self._answers += (
-                bytes((_IAC, _SB, _COM_PORT, command)) + self.escaped(value) + bytes((_IAC, _SE))
+                bytes((_IAC, _SB, _COM_PORT, command))
+                + self.escaped(value)
+                + bytes((_IAC, _SE))
             )
 
     def _heed(self, command: bytes) -> None:
@@ -163,5 +167,9 @@ class ComPort:
         if value == self._asked[which]:
             self._agreed.add(which)
         else:
-            found, wanted = (int.from_bytes(each, "big") for each in (value, self._asked[which]))
-            self.refused = message("found-keeps", setting=_NAMES[which], found=found, wanted=wanted)
+            found, wanted = (
+                int.from_bytes(each, "big") for each in (value, self._asked[which])
+            )
+            self.refused = message(
+                "found-keeps", setting=_NAMES[which], found=found, wanted=wanted
+            )

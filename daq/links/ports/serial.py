@@ -96,7 +96,9 @@ class SerialStream:
         while port.wanted:
             if pace.sleeps:
                 port.pause(GATHER_S)
-            data, last_ns, reads = _gather(port, 0.0 if pace.sleeps else GATHER_S, busy=pace.busy)
+            data, last_ns, reads = _gather(
+                port, 0.0 if pace.sleeps else GATHER_S, busy=pace.busy
+            )
             pace.note(len(data), reads)
             if data:
                 self._on_chunk(data, last_ns)

@@ -16,7 +16,12 @@ from serial.tools import list_ports
 
 from stepdiag.base.errors import DeviceError, system_words
 from stepdiag.base.messages import message
-from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, LossKind, SerialSettings
+from stepdiag.daq.links.ports.device import (
+    BUSY_WAIT_S,
+    LARGEST_READ,
+    LossKind,
+    SerialSettings,
+)
 
 _REMEDIES = {
     errno.ENOENT: message("do-plugged"),

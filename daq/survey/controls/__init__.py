@@ -22,6 +22,8 @@ def control_section(name: str, host: str) -> str:
             "control", expected=message("one-of", names=list(CONTROLS)), found=repr(name)
         )
     text = (
-        files("stepdiag.daq.survey.controls").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+        files("stepdiag.daq.survey.controls")
+        .joinpath(f"{name}.toml")
+        .read_text(encoding="utf-8")
     )
     return text.replace("{host}", host)

@@ -59,7 +59,9 @@ class TableCase:
         requested curve; between its points straight lines are accepted. ``turn_um_mm`` is the
         addition of a turn of the workpiece to the slope of the curve, which is no error.
         """
-        own = curve.position_mm[[0, -1]] if self.is_slope else self.table.position_mm + shift_mm
+        own = (
+            curve.position_mm[[0, -1]] if self.is_slope else self.table.position_mm + shift_mm
+        )
         at = _common_mm(curve, own)
         if at[-1] - at[0] < COVERED * np.ptp(curve.position_mm):
             return None
@@ -70,7 +72,9 @@ class TableCase:
         size, unheld = rms(centred(error)), rms(centred(held - before + error))
         # the survey's uncertainty excuses little: the table is judged by this result's request, not
         # by the machine
-        sure = max(SURE_UM, self.table.quantum_um, min(2.0 * typical_u(curve), _EXCUSED * size))
+        sure = max(
+            SURE_UM, self.table.quantum_um, min(2.0 * typical_u(curve), _EXCUSED * size)
+        )
         bent = asked - np.polyval(np.polyfit(at, asked, 1), at)
         return regress(
             moved,
@@ -111,13 +115,18 @@ class TableCase:
         lever = self.table.multiplier
         if lever is None or lever.axis == self.table.input_axis:
             return None
-        moving, by = (AXES.index(each.lower()) for each in (self.table.input_axis, lever.axis))
+        moving, by = (
+            AXES.index(each.lower()) for each in (self.table.input_axis, lever.axis)
+        )
         points = grid_points_mm(self.volume, NODES)
         axis = AXES.index(self.table.output_axis.lower())
-        moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
+        moved = mean_correction_um(self.together, points) - mean_correction_um(
+            self.before, points
+        )
         parts = (moved, -error_field_um(result, points))
         done, asked = (
-            growing_um(field[:, axis].reshape(NODES, NODES, NODES), moving, by) for field in parts
+            growing_um(field[:, axis].reshape(NODES, NODES, NODES), moving, by)
+            for field in parts
         )
         return regress(done, asked, sure_um=SURE_UM / 2.0)
 

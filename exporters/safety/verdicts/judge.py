@@ -73,7 +73,12 @@ def _of_curve(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
     found = explain(
         fits,
         _fits(case, own, turn_um_mm=turn_um_mm) if turn_um_mm else (),
-        ((other, fit) for other in names if other != name for fit in _fits(case, wanted.of(other))),
+        (
+            (other, fit)
+            for other in names
+            if other != name
+            for fit in _fits(case, wanted.of(other))
+        ),
         ((shift, fit) for shift in case.shifts_mm() for fit in _fits(case, own, shift)),
     )
     first, last = case.table.position_mm[[0, -1]]
@@ -90,9 +95,13 @@ def _of_curve(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
             if turned
             else message("this-table", name=found.other)
         )
-        return _says(case, "input-output-swapped" if found.other == mirrored else found.code, words)
+        return _says(
+            case, "input-output-swapped" if found.other == mirrored else found.code, words
+        )
     if found.code == "beside-volume":
-        words = message("right-if-it-lay", shift_mm=found.shift_mm, first_mm=first, last_mm=last)
+        words = message(
+            "right-if-it-lay", shift_mm=found.shift_mm, first_mm=first, last_mm=last
+        )
         return _says(case, found.code, words)
     if found.code == "unlike" and found.fit is not None:
         where = f"{case.table.input_axis} {case.place_mm(own[0], found.fit):g} mm"
@@ -131,7 +140,11 @@ def _plainly(case: TableCase, found: Explained) -> Judgement:
 
 
 def _says(
-    case: TableCase, code: Code, words: Message, fit: Fit | None = None, factor: float | None = None
+    case: TableCase,
+    code: Code,
+    words: Message,
+    fit: Fit | None = None,
+    factor: float | None = None,
 ) -> Judgement:
     """Return a judgement with the figures of a regression."""
     return Judgement(
@@ -148,7 +161,9 @@ def _says(
 def _fits(
     case: TableCase, curves: Iterable[Curve], shift_mm: float = 0.0, turn_um_mm: float = 0.0
 ) -> list[Fit]:
-    return [fit for curve in curves if (fit := case.fit(curve, shift_mm, turn_um_mm)) is not None]
+    return [
+        fit for curve in curves if (fit := case.fit(curve, shift_mm, turn_um_mm)) is not None
+    ]
 
 
 def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
@@ -203,9 +218,15 @@ def judge_missing(
     if not any(table.value_um.any() for table in new):
         return
     held = {table.name for table in new}
-    folds = (FOLD_DEFAULT, FOLD_OTHER) if profile.assumed else (profile.machine.squareness_into,)
+    folds = (
+        (FOLD_DEFAULT, FOLD_OTHER) if profile.assumed else (profile.machine.squareness_into,)
+    )
     lacking = (
-        [curve for curve in _asked(result, controller, profile, fold) if curve.name not in held]
+        [
+            curve
+            for curve in _asked(result, controller, profile, fold)
+            if curve.name not in held
+        ]
         for fold in folds
     )
     for curve in min(lacking, key=len):

@@ -126,7 +126,9 @@ def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
             lever = Multiplier(
                 axis="XYZ"[by], position_mm=nodes[by][[0, -1]], value=np.array([-1.0, 1.0])
             )
-            yield _lattice_table(f"E{'XYZ'[output]}{'XYZ'[moving]}", nodes[moving], grown, lever)
+            yield _lattice_table(
+                f"E{'XYZ'[output]}{'XYZ'[moving]}", nodes[moving], grown, lever
+            )
 
 
 def _lattice_table(

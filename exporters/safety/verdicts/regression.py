@@ -77,7 +77,9 @@ class Fit:
         exact.
         """
         left_um = float(np.hypot((self.factor - factor) * self.asked_um, self.rest_um))
-        return float(np.maximum(0.0, left_um - self.unheld_um)) / max(self.size_um, self.sure_um)
+        return float(np.maximum(0.0, left_um - self.unheld_um)) / max(
+            self.size_um, self.sure_um
+        )
 
     @property
     def left_scaled(self) -> float:

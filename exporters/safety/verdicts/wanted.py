@@ -40,7 +40,11 @@ class Wanted:
         ]
         slope = straight_line_um_mm(plain[0]) if plain else 0.0
         return [
-            replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None)
+            replace(
+                curve,
+                forward_um=curve.forward_um + slope * curve.position_mm,
+                reverse_um=None,
+            )
             for curve in self.of(name)
         ]
 

@@ -66,7 +66,9 @@ class Air:
     def __post_init__(self) -> None:
         """Return an array of the values, and refuse impossible values of a sensor in air."""
         fields = zip(
-            ("temperature_c", "pressure_hpa", "humidity_percent"), _PLAUSIBLE.items(), strict=True
+            ("temperature_c", "pressure_hpa", "humidity_percent"),
+            _PLAUSIBLE.items(),
+            strict=True,
         )
         for name, (signal, (low, high)) in fields:
             values = np.asarray(getattr(self, name), dtype=np.float64)
@@ -131,7 +133,9 @@ def _ciddor_compressibility(t: Vector, p: Vector, xv: Vector) -> Vector:
     return z
 
 
-def ciddor_index(air: Air, vacuum_wavelength_nm: float, co2_ppm: float = CIDDOR_CO2_PPM) -> Vector:
+def ciddor_index(
+    air: Air, vacuum_wavelength_nm: float, co2_ppm: float = CIDDOR_CO2_PPM
+) -> Vector:
     """Return the index by Ciddor's equation (NIST toolbox, Appendix A, part I), shape of
     ``air``."""
     s = (1e3 / vacuum_wavelength_nm) ** 2
@@ -139,7 +143,9 @@ def ciddor_index(air: Air, vacuum_wavelength_nm: float, co2_ppm: float = CIDDOR_
     vapour_pa = air.humidity_percent / 100 * saturation_pressure_pa(t)
     xv = (1.00062 + 3.14e-8 * p + 5.6e-7 * t**2) * vapour_pa / p
     dry_standard = (
-        1e-8 * (5792105 / (238.0185 - s) + 167917 / (57.362 - s)) * (1 + 5.34e-7 * (co2_ppm - 450))
+        1e-8
+        * (5792105 / (238.0185 - s) + 167917 / (57.362 - s))
+        * (1 + 5.34e-7 * (co2_ppm - 450))
     )
     water_standard = 1.022e-8 * (295.235 + 2.6422 * s - 0.03238 * s**2 + 0.004028 * s**3)
     water_molar, gas = 0.018015, 8.314472
@@ -176,7 +182,12 @@ def correction_factor(index: ArrayLike, done: Done) -> Vector:
 
 
 def displacement_mm(
-    reading_mm: ArrayLike, index: ArrayLike, *, zero_index: float, dead_path_mm: float, done: Done
+    reading_mm: ArrayLike,
+    index: ArrayLike,
+    *,
+    zero_index: float,
+    dead_path_mm: float,
+    done: Done,
 ) -> Vector:
     """Return the true displacement of the target at every stop, shape (N,).
 

@@ -108,7 +108,8 @@ class Assumptions:
         """
         excess_c = np.array(self.material_c) - REFERENCE_TEMPERATURE_C
         u: Vector = np.hypot(
-            np.array(self.expansion_um_m_c) * self.u_material_c, excess_c * self.u_expansion_um_m_c
+            np.array(self.expansion_um_m_c) * self.u_material_c,
+            excess_c * self.u_expansion_um_m_c,
         )
         return u
 

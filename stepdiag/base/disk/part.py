@@ -41,7 +41,9 @@ def folder_made(folder: Path) -> Iterator[None]:
     removed. Raises OSError.
     """
     with undone_on_failure() as undo:
-        for missing in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
+        for missing in reversed(
+            [each for each in (folder, *folder.parents) if not each.exists()]
+        ):
             undo.callback(_remove_empty, missing)
         folder.mkdir(parents=True, exist_ok=True)
         yield
@@ -108,7 +110,9 @@ def _held_folder(target: Path) -> tuple[Path, int | None]:
     removed meanwhile as abandoned is made again.
     """
     while True:
-        part = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=SUFFIX, dir=target.parent))
+        part = Path(
+            tempfile.mkdtemp(prefix=f".{target.name}.", suffix=SUFFIX, dir=target.parent)
+        )
         if not FOLDERS_OPEN:
             return part, None
         with suppress(FileNotFoundError):

@@ -18,7 +18,11 @@ except ImportError:  # Windows
 
 LINUX = sys.platform == "linux"
 NEW_FILE = (
-    os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+    os.O_WRONLY
+    | os.O_CREAT
+    | os.O_EXCL
+    | getattr(os, "O_CLOEXEC", 0)
+    | getattr(os, "O_BINARY", 0)
 )
 """Flags of a new file whose bytes are written unchanged: without O_BINARY Windows inserts a
 carriage return before each line feed.

@@ -105,12 +105,15 @@ class Readings:
         setup = np.array([place[name] for name in self.setup], dtype=np.int64)
         order = np.lexsort((self.stop, self.pass_number, setup))
         begins = (
-            np.flatnonzero((np.diff(setup[order]) != 0) | (np.diff(self.pass_number[order]) != 0))
+            np.flatnonzero(
+                (np.diff(setup[order]) != 0) | (np.diff(self.pass_number[order]) != 0)
+            )
             + 1
         )
         parts = np.split(order, begins) if len(order) else []
         return {
-            PassKey(self.setup[rows[0]], int(self.pass_number[rows[0]])): rows for rows in parts
+            PassKey(self.setup[rows[0]], int(self.pass_number[rows[0]])): rows
+            for rows in parts
         }
 
     def select(self, rows: NDArray[np.int64] | Sequence[int]) -> "Readings":
@@ -171,7 +174,9 @@ def make_readings(  # noqa: PLR0913 - one argument a column
     )
 
 
-def _flags(values: Sequence[bool] | NDArray[np.bool_] | None, count: int) -> NDArray[np.bool_]:
+def _flags(
+    values: Sequence[bool] | NDArray[np.bool_] | None, count: int
+) -> NDArray[np.bool_]:
     return (
         np.zeros(count, dtype=np.bool_)
         if values is None
@@ -212,7 +217,9 @@ def parse_readings(text: str, source: str = "readings.csv") -> Readings:
         zero=[row.zero for row in rows],
         at_20_c=[row.at_20_c for row in rows],
         turned=[row.turned for row in rows],
-        **{name: [row.optional[index] for row in rows] for index, name in enumerate(OPTIONAL)},
+        **{
+            name: [row.optional[index] for row in rows] for index, name in enumerate(OPTIONAL)
+        },
     )
     passes = readings.passes()
     _refuse_gaps(readings, passes, source)
@@ -262,18 +269,26 @@ class _Row(NamedTuple):
             )
         return cls(
             setup=_setup_name(fields["setup"], where),
-            pass_number=whole_number_in(fields, "pass", where, least=1) if "pass" in fields else 1,
+            pass_number=whole_number_in(fields, "pass", where, least=1)
+            if "pass" in fields
+            else 1,
             stop=whole_number_in(fields, "stop", where, least=0),
             position_mm=[number_in(fields, name, where) for name in ("x_mm", "y_mm", "z_mm")],
             reading_mm=number_in(fields, "reading_mm", where),
             optional=[
                 number_in(
-                    fields, name, where, optional=True, least=0.0 if name == "u_um" else -math.inf
+                    fields,
+                    name,
+                    where,
+                    optional=True,
+                    least=0.0 if name == "u_um" else -math.inf,
                 )
                 for name in OPTIONAL
             ],
             beam_mm=beam_mm,
-            zero=whole_number_in(fields, ZERO, where, least=0) if fields.get(ZERO, "") else NO_ZERO,
+            zero=whole_number_in(fields, ZERO, where, least=0)
+            if fields.get(ZERO, "")
+            else NO_ZERO,
             at_20_c=_yes_or_no(fields, AT_20_C, where),
             turned=_yes_or_no(fields, TURNED, where),
         )
@@ -323,7 +338,9 @@ def _refuse_gaps(
             first = int(stops[int(np.argmax(np.diff(stops) > 1))]) + 1
             found = message("of-missing", count=missing, all=int(stops[-1]) + 1, stop=first)
             expected = message("one-in", count=round(1 / MOST_MISSING))
-            raise DataError(where, expected=expected, found=found, remedy=message("drive-again"))
+            raise DataError(
+                where, expected=expected, found=found, remedy=message("drive-again")
+            )
 
 
 def missing_stops(stops: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -366,10 +383,20 @@ def render_readings(readings: Readings) -> str:
         for name, column in ((AT_20_C, readings.at_20_c), (TURNED, readings.turned))
         if column.any()
     }
-    header = (*REQUIRED, *optional, *((ZERO,) if zeros else ()), *(BEAM if beam else ()), *flags)
+    header = (
+        *REQUIRED,
+        *optional,
+        *((ZERO,) if zeros else ()),
+        *(BEAM if beam else ()),
+        *flags,
+    )
     out.write(",".join(header) + "\n")
     for row in _ordered_rows(readings):
-        fields = [readings.setup[row], str(readings.pass_number[row]), str(readings.stop[row])]
+        fields = [
+            readings.setup[row],
+            str(readings.pass_number[row]),
+            str(readings.stop[row]),
+        ]
         fields += [_decimal(value, 7) for value in readings.position_mm[row]]
         fields.append(_decimal(readings.reading_mm[row], 9))
         fields += [_decimal(column[row], 6) for column in optional.values()]

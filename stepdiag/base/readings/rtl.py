@@ -155,11 +155,17 @@ def _count(texts: Mapping[str, str], key: str, most: int, source: str) -> int:
     return int(text)
 
 
-def _targets(sections: Mapping[str, list[str]], texts: Mapping[str, str], source: str) -> Vector:
+def _targets(
+    sections: Mapping[str, list[str]], texts: Mapping[str, str], source: str
+) -> Vector:
     count = _count(texts, "target-count", MOST_TARGETS, source)
     lines = sections["TARGET DATA"]
     begin = next(
-        (number for number, line in enumerate(lines) if line.strip().lower().startswith("targets")),
+        (
+            number
+            for number, line in enumerate(lines)
+            if line.strip().lower().startswith("targets")
+        ),
         None,
     )
     if begin is None:
@@ -176,7 +182,8 @@ def _targets(sections: Mapping[str, list[str]], texts: Mapping[str, str], source
         for word in line.split()
     ]
     targets = [
-        _bounded_number(word, f"{source}: target {number}") for number, word in enumerate(words, 1)
+        _bounded_number(word, f"{source}: target {number}")
+        for number, word in enumerate(words, 1)
     ]
     if len(targets) != count or count < 2:
         raise DataError(
@@ -195,7 +202,9 @@ def _targets(sections: Mapping[str, list[str]], texts: Mapping[str, str], source
     return found
 
 
-def _deviation_lines(sections: Mapping[str, list[str]], source: str) -> Iterator[tuple[int, str]]:
+def _deviation_lines(
+    sections: Mapping[str, list[str]], source: str
+) -> Iterator[tuple[int, str]]:
     """Yield the lines of numbers of the deviations, numbered."""
     number = 0
     for line in sections["DEVIATIONS"]:
@@ -210,7 +219,10 @@ def _deviation_lines(sections: Mapping[str, list[str]], source: str) -> Iterator
 def _deviation_row(line: str, where: str) -> tuple[int, int, float]:
     words = line.split()
     if len(words) != 3 or not (
-        words[0].isdecimal() and words[1].isdecimal() and len(words[0]) < 9 and len(words[1]) < 9
+        words[0].isdecimal()
+        and words[1].isdecimal()
+        and len(words[0]) < 9
+        and len(words[1]) < 9
     ):
         raise DataError(
             where, expected=message("run-target-deviation"), found=repr(excerpt(line.strip()))
@@ -303,7 +315,9 @@ def with_runs(
                 found=message("twice-readings-two-files"),
             )
         for number, stop, position, reading in rows:
-            if (np.array(position) < low - 1.0).any() or (np.array(position) > high + 1.0).any():
+            if (np.array(position) < low - 1.0).any() or (
+                np.array(position) > high + 1.0
+            ).any():
                 place = ", ".join(f"{each:g}" for each in position)
                 volume = " to ".join(str(np.round(each, 3).tolist()) for each in (low, high))
                 remedy = message("targets-count-machine-coordinates")
@@ -313,12 +327,15 @@ def with_runs(
                     found=f"({place})",
                     remedy=remedy,
                 )
-            for name, value in zip(columns, (setup, number, stop, position, reading), strict=True):
+            for name, value in zip(
+                columns, (setup, number, stop, position, reading), strict=True
+            ):
                 columns[name].append(value)
     added = make_readings(**columns)  # type: ignore[arg-type]
     others = [name for name in Readings.__dataclass_fields__ if name != "setup"]
     joined = {
-        name: np.concatenate([getattr(readings, name), getattr(added, name)]) for name in others
+        name: np.concatenate([getattr(readings, name), getattr(added, name)])
+        for name in others
     }
     return Readings(setup=(*readings.setup, *added.setup), **joined)
 
@@ -330,7 +347,9 @@ def render_rtl(readings: Readings, setup: str, texts: Mapping[str, str]) -> str:
     Raises DataError where the passes do not visit the same targets.
     """
     index = "xyz".index(setup[-1])
-    passes = {key.number: rows for key, rows in readings.passes().items() if key.setup == setup}
+    passes = {
+        key.number: rows for key, rows in readings.passes().items() if key.setup == setup
+    }
     if 1 not in passes:
         raise DataError(
             setup,
@@ -342,7 +361,10 @@ def render_rtl(readings: Readings, setup: str, texts: Mapping[str, str]) -> str:
     for number, rows in sorted(passes.items()):
         at, off = readings.position_mm[rows, index], readings.reading_mm[rows]
         outward = PassKey(setup, number).outward
-        if len(at) != len(targets) or np.abs((at if outward else at[::-1]) - targets).max() > 1e-3:
+        if (
+            len(at) != len(targets)
+            or np.abs((at if outward else at[::-1]) - targets).max() > 1e-3
+        ):
             raise DataError(
                 f"{setup}, pass {number}",
                 expected=message("targets-first-pass"),
@@ -350,7 +372,9 @@ def render_rtl(readings: Readings, setup: str, texts: Mapping[str, str]) -> str:
             )
         run = (off - off[0] - (at - at[0])) * 1e3
         deviations.append(run if outward else run[::-1])
-    return _written(setup[-1].upper(), targets, deviations, both_ways=len(passes) > 1, texts=texts)
+    return _written(
+        setup[-1].upper(), targets, deviations, both_ways=len(passes) > 1, texts=texts
+    )
 
 
 def _written(
@@ -374,10 +398,18 @@ def _written(
         " ".join(f"{value:.6f}" for value in targets[first : first + _A_LINE])
         for first in range(0, len(targets), _A_LINE)
     ]
-    lines += [f"Flags : {'0 0 2 0' if both_ways else '0 1 2 0'}", "USER-TEXT::", f"Axis : {axis}"]
+    lines += [
+        f"Flags : {'0 0 2 0' if both_ways else '0 1 2 0'}",
+        "USER-TEXT::",
+        f"Axis : {axis}",
+    ]
     lines += [f"{key} : {' '.join(value.split())}" for key, value in texts.items()]
     lines += ["RUNS::", f"Run-count : {len(deviations)}", "DEVIATIONS::", "Run Target Data:"]
     for run, values in enumerate(deviations, 1):
-        order = range(len(targets)) if run % 2 or not both_ways else range(len(targets) - 1, -1, -1)
+        order = (
+            range(len(targets))
+            if run % 2 or not both_ways
+            else range(len(targets) - 1, -1, -1)
+        )
         lines += [f"{run} {target + 1} {values[target]:.4f}" for target in order]
     return "\r\n".join([*lines, "EQUIPMENT::", "ENVIRONMENT::", "EOF::", ""])

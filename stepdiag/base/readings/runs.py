@@ -146,7 +146,9 @@ def run_minutes(plan: Plan, run: Run) -> float:
     both ends of a pass."""
     pace = plan.pace
     stops = run_stops_mm(plan, run)
-    travel_mm = float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum()) + 4 * pace.overrun_mm
+    travel_mm = (
+        float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum()) + 4 * pace.overrun_mm
+    )
     one_pass = travel_mm / pace.feed_mm_min + len(stops) * pace.dwell_s / 60
     back_mm = float(np.linalg.norm(stops[-1] - stops[0]))
     # without return passes the machine still has to go back before it can start again
@@ -184,14 +186,18 @@ def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
     count = sum(len(stops) for _, _, stops, _ in parts)
     return make_readings(
         setup=[run.setup for run, _, stops, _ in parts for _ in stops],
-        pass_number=np.concatenate([np.full(len(stops), number) for _, number, stops, _ in parts]),
+        pass_number=np.concatenate(
+            [np.full(len(stops), number) for _, number, stops, _ in parts]
+        ),
         stop=np.concatenate([np.arange(len(stops)) for _, _, stops, _ in parts]),
         position_mm=np.vstack([stops for _, _, stops, _ in parts]),
         reading_mm=np.concatenate(
             [(stops - stops[0]) @ _direction(plan, run) for run, _, stops, _ in parts]
         ),
         u_um=np.full(count, reading_u_um),
-        beam_mm=np.vstack([np.broadcast_to(beam, stops.shape) for _, _, stops, beam in parts]),
+        beam_mm=np.vstack(
+            [np.broadcast_to(beam, stops.shape) for _, _, stops, beam in parts]
+        ),
     )
 
 
@@ -205,7 +211,9 @@ def beam_mm(plan: Plan, run: Run) -> Vector:
 
 def _passes(plan: Plan, run: Run) -> Sequence[tuple[Run, int, Vector, Vector]]:
     beam = beam_mm(plan, run)
-    return [(run, number, run_stops_mm(plan, run, number), beam) for number in run.pass_numbers]
+    return [
+        (run, number, run_stops_mm(plan, run, number), beam) for number in run.pass_numbers
+    ]
 
 
 def _direction(plan: Plan, run: Run) -> Vector:

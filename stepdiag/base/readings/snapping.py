@@ -21,7 +21,9 @@ scatter of the stops, the edge is rounded to it.
 """
 
 
-def snapped_mm(volume: Volume, position_mm: Vector, tolerance_mm: Vector | None = None) -> Vector:
+def snapped_mm(
+    volume: Volume, position_mm: Vector, tolerance_mm: Vector | None = None
+) -> Vector:
     """Return the target of each reported position, shape (m, 3): a node, or without a near node the
     mean of the positions there.
 
@@ -35,13 +37,15 @@ def snapped_mm(volume: Volume, position_mm: Vector, tolerance_mm: Vector | None 
         nodes = volume.nodes_mm(axis)
         step = float(volume.length_mm[axis]) / volume.increments
         nearest = nodes[
-            np.clip(np.rint((position_mm[:, axis] - nodes[0]) / step), 0, volume.increments).astype(
-                np.int64
-            )
+            np.clip(
+                np.rint((position_mm[:, axis] - nodes[0]) / step), 0, volume.increments
+            ).astype(np.int64)
         ]
         on_node = np.abs(position_mm[:, axis] - nearest) <= near_mm[axis]
         snapped[on_node, axis] = nearest[on_node]
-        snapped[~on_node, axis] = _clustered(position_mm[~on_node, axis], float(near_mm[axis]))
+        snapped[~on_node, axis] = _clustered(
+            position_mm[~on_node, axis], float(near_mm[axis])
+        )
     return snapped
 
 
@@ -53,10 +57,12 @@ def _clustered(position_mm: Vector, near_mm: float) -> Vector:
         return position_mm
     order = np.argsort(position_mm, kind="stable")
     number = np.empty(len(order), dtype=np.int64)
-    number[order] = np.cumsum(np.diff(position_mm[order], prepend=position_mm[order[0]]) > near_mm)
-    mean: Vector = np.round(np.bincount(number, weights=position_mm) / np.bincount(number), 6)[
-        number
-    ]
+    number[order] = np.cumsum(
+        np.diff(position_mm[order], prepend=position_mm[order[0]]) > near_mm
+    )
+    mean: Vector = np.round(
+        np.bincount(number, weights=position_mm) / np.bincount(number), 6
+    )[number]
     return mean
 
 

@@ -34,7 +34,10 @@ def check_route(
     position = readings.position_mm[rows]
     if len(rows) < 2:
         raise DataError(
-            where, expected=message("two-stops"), found=f"{len(rows)}", remedy=message("first-and")
+            where,
+            expected=message("two-stops"),
+            found=f"{len(rows)}",
+            remedy=message("first-and"),
         )
     signs = np.array(setup.signs) * (1 if key.outward else -1)
     if setup.kind == "linear":
@@ -50,7 +53,9 @@ def _least_move_mm(setup: Setup, volume: Volume) -> Vector:
     """Return the smallest distance of each axis that counts as a move, shape (3,): a standing axis
     may differ from its target at both stops.
     """
-    own = np.array(setup.signs) != 0 if setup.kind == "linear" else np.zeros(3, dtype=np.bool_)
+    own = (
+        np.array(setup.signs) != 0 if setup.kind == "linear" else np.zeros(3, dtype=np.bool_)
+    )
     return np.where(own, SHORTEST_MOVE_MM, 2.0 * volume.tolerance_mm)
 
 
@@ -77,7 +82,9 @@ def _check_each_move(
             if moving[index, axis]
         ) or message("without-move")
         allowed = " or ".join(
-            f"{'XYZ'[axis]}{'+' if signs[axis] > 0 else '-'}" for axis in range(3) if signs[axis]
+            f"{'XYZ'[axis]}{'+' if signs[axis] > 0 else '-'}"
+            for axis in range(3)
+            if signs[axis]
         )
         remedy = message("stop-out-of-order")
         raise DataError(
@@ -147,7 +154,9 @@ def laser_sense(
     travel = readings.position_mm[rows[-1]] - readings.position_mm[rows[0]]
     descends = float(travel @ np.array(setup.signs)) * (1 if key.outward else -1) < 0
     return (
-        -1 if setup.kind == "linear" and descends and _laser_ratio(readings, setup, rows) < 0 else 1
+        -1
+        if setup.kind == "linear" and descends and _laser_ratio(readings, setup, rows) < 0
+        else 1
     )
 
 
@@ -162,7 +171,12 @@ def _laser_ratio(readings: Readings, setup: Setup, rows: NDArray[np.int64]) -> f
 
 
 def check_laser(
-    readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np.int64], sense: int, source: str
+    readings: Readings,
+    setup: Setup,
+    key: PassKey,
+    rows: NDArray[np.int64],
+    sense: int,
+    source: str,
 ) -> None:
     """Raise ``DataError`` where the laser counted in the wrong direction or in another unit."""
     ratio = sense * _laser_ratio(readings, setup, rows)

@@ -27,7 +27,9 @@ class Between(NamedTuple):
         """Return the mean square at the points of some draws, shape (draws, N, 3)."""
         found = np.zeros((len(self.size_um[some]), self.arch.shape[1], 3))
         for place, component in enumerate(self.component):
-            found[:, :, component] += (self.size_um[some, place, None] * self.arch[place]) ** 2
+            found[:, :, component] += (
+                self.size_um[some, place, None] * self.arch[place]
+            ) ** 2
         return found
 
     def drawn_um(self, draws: int) -> Vector | None:
@@ -95,5 +97,8 @@ def arches_of(result: Result, points_mm: Vector, draws: int) -> Between:
         # a single machine: deviations hidden on an axis are hidden on the others too
         size[:, place] = sizes[alike % len(sizes)]
     return Between(
-        arch, cell, np.array(["XYZ".index(name[1]) for name in all_sizes], dtype=np.int64), size
+        arch,
+        cell,
+        np.array(["XYZ".index(name[1]) for name in all_sizes], dtype=np.int64),
+        size,
     )

@@ -68,7 +68,9 @@ def basis_of(result: Result) -> Basis:
         scales=() if lengths is None else _scales(lengths, tables=True),
         other=() if lengths is None else _scales(lengths, tables=False),
         tool_um=None if result.tool is None else result.tool.up_to_um_per_100_mm,
-        air={} if conditions is None or conditions.assumed is None else written(conditions.assumed),
+        air={}
+        if conditions is None or conditions.assumed is None
+        else written(conditions.assumed),
     )
 
 
@@ -79,7 +81,9 @@ def sizes_of(assumed: Assumed) -> dict[str, float]:
 
 def _scales(lengths: LengthsReport, *, tables: bool) -> Scales:
     """Return the known scales of the lengths that the tables correct, or of the other lengths."""
-    entries = lengths.at_20_c if (lengths.tables == "at_20_c") is tables else lengths.as_measured
+    entries = (
+        lengths.at_20_c if (lengths.tables == "at_20_c") is tables else lengths.as_measured
+    )
     return tuple(
         (axis, one.value, 2.0 * one.u)
         for axis, one in (entries or {}).items()
@@ -90,5 +94,6 @@ def _scales(lengths: LengthsReport, *, tables: bool) -> Scales:
 def scales_in_words(scales: Scales) -> str:
     """Return scales as a person reads them: ``X +3.2 ± 1.1, Y -0.4 ± 1.2 um/m``."""
     return ", ".join(
-        f"{axis} {with_expanded(value, expanded, sign='+')}" for axis, value, expanded in scales
+        f"{axis} {with_expanded(value, expanded, sign='+')}"
+        for axis, value, expanded in scales
     )

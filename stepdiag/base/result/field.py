@@ -49,7 +49,9 @@ class Tabulated(NamedTuple):
         )
         low, high = self.position_mm[place], self.position_mm[place + 1]
         share = np.clip((points_mm - low) / (high - low), 0.0, 1.0)
-        values: Vector = self.value[:, place] * (1.0 - share) + self.value[:, place + 1] * share
+        values: Vector = (
+            self.value[:, place] * (1.0 - share) + self.value[:, place + 1] * share
+        )
         return values
 
 
@@ -142,11 +144,14 @@ def field_of_um(
     parts = np.zeros((3, machines, len(points)))
     for name in squareness.keys() & PRODUCTS.keys():
         component, axes = PRODUCTS[name]
-        share = np.prod(from_corner[:, axes] / np.asarray(volume.length_mm)[list(axes)], axis=1)
+        share = np.prod(
+            from_corner[:, axes] / np.asarray(volume.length_mm)[list(axes)], axis=1
+        )
         parts[component] += np.asarray(squareness[name])[:, None] * share
     if squareness.keys() & set(SQUARENESS):
         c0y, b0z, a0z = (
-            1e-3 * np.asarray(squareness.get(name, np.zeros(1)))[:, None] for name in SQUARENESS
+            1e-3 * np.asarray(squareness.get(name, np.zeros(1)))[:, None]
+            for name in SQUARENESS
         )
         _, y, z = from_corner.T
         parts[0] += -c0y * y + b0z * z
@@ -180,9 +185,12 @@ def error_field_um(result: Result, points_mm: Vector) -> Vector:
         if function.value is not None
     }
     squareness = {
-        name: np.array([quantity.value or 0.0]) for name, quantity in result.squareness.items()
+        name: np.array([quantity.value or 0.0])
+        for name, quantity in result.squareness.items()
     }
-    field: Vector = field_of_um(result.volume, result.chain, functions, squareness, points_mm)[0]
+    field: Vector = field_of_um(
+        result.volume, result.chain, functions, squareness, points_mm
+    )[0]
     return field
 
 

@@ -22,7 +22,9 @@ def load_json(text: str, source: str) -> "Node":
         value = json.loads(text)
     except json.JSONDecodeError as error:
         raise DataError(
-            f"{source}: line {error.lineno}", expected=message("json-document"), found=error.msg
+            f"{source}: line {error.lineno}",
+            expected=message("json-document"),
+            found=error.msg,
         ) from None
     except RecursionError:
         raise DataError(
@@ -34,7 +36,9 @@ def load_json(text: str, source: str) -> "Node":
         raise DataError(source, expected=message("json-document"), found=str(error)) from None
     if _SURROGATE.search(text) and not _encodable(value):
         raise DataError(
-            source, expected=message("json-document"), found=message("half-surrogate-pair-such")
+            source,
+            expected=message("json-document"),
+            found=message("half-surrogate-pair-such"),
         )
     return Node(value, source, "")
 

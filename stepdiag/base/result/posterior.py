@@ -23,7 +23,12 @@ from stepdiag.base.result.json_tree import Node
 from stepdiag.base.volume import Vector
 
 NAMES = frozenset(
-    (*(f"E{component}{axis}" for component in "XYZABC" for axis in "XYZ"), "C0Y", "B0Z", "A0Z")
+    (
+        *(f"E{component}{axis}" for component in "XYZABC" for axis in "XYZ"),
+        "C0Y",
+        "B0Z",
+        "A0Z",
+    )
 )
 """The quantities that differ from the result: functions and squarenesses (ISO 230-1)."""
 POSTERIOR_DECIMALS = 4
@@ -146,7 +151,8 @@ def parse_posterior(root: Node) -> Posterior:
 
     def columns(part: str) -> dict[str, Vector]:
         return {
-            name: column(root.child(part).child(name), name) for name in root.child(part).mapping()
+            name: column(root.child(part).child(name), name)
+            for name in root.child(part).mapping()
         }
 
     modes = {

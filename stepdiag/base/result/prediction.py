@@ -68,13 +68,16 @@ def predicted_with_u(
         _machines(result, points_mm, 0.0, DRAWS),
         rigid_motions(result.volume, points_mm),
     )
-    return _predicted(machines, motions, correction_um, result.tolerance or {}), _volumetric_u_um(
-        posterior, machines.moved, motions
-    )
+    return _predicted(
+        machines, motions, correction_um, result.tolerance or {}
+    ), _volumetric_u_um(posterior, machines.moved, motions)
 
 
 def _predicted(
-    machines: "_Machines", motions: Vector, correction_um: Vector, tolerance: Mapping[str, float]
+    machines: "_Machines",
+    motions: Vector,
+    correction_um: Vector,
+    tolerance: Mapping[str, float],
 ) -> Predicted:
     moved_um2, rigid_um2 = machines.moved_um2(motions)
     waves_um = machines.between.drawn_um(FOR_LARGEST)
@@ -135,7 +138,9 @@ def errors_at(result: Result, points_mm: Vector) -> ErrorAt:
     square_um2 = moved[0] ** 2 + np.einsum(
         "kl,kni,lni->ni", together, moved[1:], moved[1:], optimize=True
     )
-    beside_um2 = np.mean(arches_of(result, points_mm, FOR_LARGEST).square_um(slice(None)), axis=0)
+    beside_um2 = np.mean(
+        arches_of(result, points_mm, FOR_LARGEST).square_um(slice(None)), axis=0
+    )
     return ErrorAt(error_um, np.sqrt(np.maximum(square_um2 + beside_um2, 0.0)))
 
 
@@ -148,7 +153,10 @@ def squares_um2(
     """
     machines = _machines(result, points_mm, beside_um, FOR_LARGEST)
     drawn = machines.drawn(correction_um, rigid_motions(result.volume, points_mm))
-    before, after = machines.squares_um2(drawn["before"]), machines.squares_um2(drawn["after"])
+    before, after = (
+        machines.squares_um2(drawn["before"]),
+        machines.squares_um2(drawn["after"]),
+    )
     return before, after
 
 
@@ -196,7 +204,9 @@ class _Machines(NamedTuple):
             field = found + change
             # with the error that tables remove, its noise is removed too; the effect of noise on
             # the curve between the values stays in both
-            over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))
+            over_um2 = common_um2 * float(
+                np.clip(np.sum(found * field) / square_um2, 0.0, 1.0)
+            )
             whole = np.vstack([field + flat[:1], flat[1:]])
             likely = (field - min(over_um2 / square_um2, 1.0) * found + flat[:1])[0]
             across_um2 = self.between.across_um2(met + self.between.met(whole[:1]))
@@ -223,7 +233,11 @@ class _Machines(NamedTuple):
         return moved if waves_um is None else moved + waves_um
 
     def figures(
-        self, drawn: _Drawn, moved_um2: Vector, beside_um: Vector, tolerance: Mapping[str, float]
+        self,
+        drawn: _Drawn,
+        moved_um2: Vector,
+        beside_um: Vector,
+        tolerance: Mapping[str, float],
     ) -> FieldFigures:
         """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of the
         effect of all deviations but the offset, ``beside_um`` as in `beside_um`.
@@ -349,7 +363,9 @@ def _common_um2(moved: Vector, noise: Vector, together: Vector) -> float:
     theirs by twice this covariance (the bias of Stein 1956, subtracted). ``noise`` and ``moved``
     are rows of deviations, ``together`` is the covariance of their amounts.
     """
-    return max(float(np.sum((together @ noise[1:]) * moved[1:])), 0.0) if len(noise) > 1 else 0.0
+    return (
+        max(float(np.sum((together @ noise[1:]) * moved[1:])), 0.0) if len(noise) > 1 else 0.0
+    )
 
 
 def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
@@ -376,7 +392,9 @@ def _largest_um(likely_um: Vector, beside_um: Vector) -> Vector:
     """Return the largest length of the error vector of every draw, shape (draws,)."""
     drawn = beside_um + likely_um.reshape(-1, 3)
     drawn *= drawn
-    largest: Vector = np.sqrt(np.max(drawn[:, :, 0] + drawn[:, :, 1] + drawn[:, :, 2], axis=1))
+    largest: Vector = np.sqrt(
+        np.max(drawn[:, :, 0] + drawn[:, :, 1] + drawn[:, :, 2], axis=1)
+    )
     return largest
 
 
@@ -394,5 +412,7 @@ def _volumetric_u_um(posterior: Posterior, fields_um: Vector, motions: Vector) -
         np.mean(sized.shift**2, axis=0) @ own**2
     )
     return float(
-        np.sqrt((np.sum(moved[1:] ** 2) + together) / fields_um.shape[1] + BETWEEN_SHARE * between)
+        np.sqrt(
+            (np.sum(moved[1:] ** 2) + together) / fields_um.shape[1] + BETWEEN_SHARE * between
+        )
     )

@@ -230,9 +230,8 @@ class Result:
         body = "".join(
             "<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in cells
         )
-        return (
-            f"<table><tr><th></th><th>value</th><th>U (k = 2)</th><th>unit</th></tr>{body}</table>"
-        )
+        head = "<tr><th></th><th>value</th><th>U (k = 2)</th><th>unit</th></tr>"
+        return f"<table>{head}{body}</table>"
 
     def to_json(self) -> str:
         """Return the JSON of contract 4: fixed key order, two-space indent, LF, rounded to
@@ -244,7 +243,9 @@ class Result:
             "method": self.method,
             "volume": _volume_json(self.volume),
             "chain": self.chain,
-            "errors": {name: _function_json(function) for name, function in self.errors.items()},
+            "errors": {
+                name: _function_json(function) for name, function in self.errors.items()
+            },
             "expected": {
                 name: _function_json(function) for name, function in self.expected.items()
             },
@@ -266,12 +267,16 @@ class Result:
             **({} if self.posterior is None else {"posterior": self.posterior.as_json()}),
         }
         text = json.dumps(_rounded(document), indent=2, ensure_ascii=False, allow_nan=False)
-        return _NUMBERS.sub(lambda found: "[" + " ".join(found[0][1:-1].split()) + "]", text) + "\n"
+        return (
+            _NUMBERS.sub(lambda found: "[" + " ".join(found[0][1:-1].split()) + "]", text)
+            + "\n"
+        )
 
 
 _FIELDS = fields(Result)
 MEMBERS = {
-    each.name: each.type for each in _FIELDS[[each.name for each in _FIELDS].index("survey") : -1]
+    each.name: each.type
+    for each in _FIELDS[[each.name for each in _FIELDS].index("survey") : -1]
 }
 """The optional members of a result, by their names, each with its type."""
 _ENTRIES = (
@@ -395,7 +400,8 @@ def parse_result(text: str, source: str = "result.json") -> Result:
             for name in SQUARENESS
         },
         scale={
-            name: _scale(_named(root, "scale", AXIS_LETTERS).child(name)) for name in AXIS_LETTERS
+            name: _scale(_named(root, "scale", AXIS_LETTERS).child(name))
+            for name in AXIS_LETTERS
         },
         setups=read(root.child("setups"), dict[str, SetupReport]),
         findings=tuple(parse_finding(item) for item in root.child("findings").items()),
@@ -492,7 +498,11 @@ def _function(node: Node, unit: str) -> Function:
             else None
         )
         known[name] = None if column is None or column.value is None else column.numbers()
-        if column is not None and column.value is not None and len(column.value) != len(position):
+        if (
+            column is not None
+            and column.value is not None
+            and len(column.value) != len(position)
+        ):
             column.refuse(f"{len(position)} numbers, one a position")
     slope = (
         node.child("slope_identified").truth()

@@ -76,7 +76,9 @@ def _candidates(
         edges = volume.origin_mm[axis] + volume.size_mm[axis] * np.arange(cells + 1) / cells
         cell = np.where(
             among,
-            np.clip(np.searchsorted(edges, points_mm[:, axis], side="right") - 1, 0, cells - 1),
+            np.clip(
+                np.searchsorted(edges, points_mm[:, axis], side="right") - 1, 0, cells - 1
+            ),
             -1,
         )
         worse = [
@@ -104,7 +106,9 @@ def _of(square: Vector, mine: NDArray[np.bool_]) -> Interval:
 
 
 def _worse(before: Interval, after: Interval) -> bool:
-    reaches = before.high_um is None or after.high_um is None or after.high_um > before.high_um
+    reaches = (
+        before.high_um is None or after.high_um is None or after.high_um > before.high_um
+    )
     return reaches and after.value_um > CLEARLY * before.value_um + LEAST_UM
 
 

@@ -66,7 +66,9 @@ class _Member:
 def _members(kind: Any) -> tuple[_Member, ...]:
     found = []
     for each in fields(kind):
-        plain, *notes = get_args(each.type) if get_origin(each.type) is Annotated else (each.type,)
+        plain, *notes = (
+            get_args(each.type) if get_origin(each.type) is Annotated else (each.type,)
+        )
         name = next((note.name for note in notes if isinstance(note, Named)), each.name)
         found.append(_Member(each, name, plain, tuple(notes)))
     return tuple(found)

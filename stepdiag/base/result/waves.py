@@ -94,7 +94,9 @@ def _beside_its_values_um(function: Function, nodes_mm: Vector) -> float | None:
         return None
     at_nodes, noise_um = np.interp(nodes_mm, at_mm, value), noise_um_of(function)
     left_um = value[off] - Smoothed(nodes_mm, at_nodes[None, :]).at(at_mm[off])[0]
-    low = np.clip(np.searchsorted(nodes_mm, at_mm[off], side="right") - 1, 0, len(nodes_mm) - 2)
+    low = np.clip(
+        np.searchsorted(nodes_mm, at_mm[off], side="right") - 1, 0, len(nodes_mm) - 2
+    )
     share = (at_mm[off] - nodes_mm[low]) / (nodes_mm[low + 1] - nodes_mm[low])
     height = float(np.sum((4.0 * share * (1.0 - share)) ** 2))
     expected, _ = arch_um(at_nodes, noise_um)
@@ -138,7 +140,9 @@ def hiding_functions(errors: Mapping[str, Function]) -> dict[str, float]:
 
 
 def _shape_um(value: Vector) -> float:
-    return rms(value - np.linspace(value[0], value[-1], len(value))) if len(value) > 2 else 0.0
+    return (
+        rms(value - np.linspace(value[0], value[-1], len(value))) if len(value) > 2 else 0.0
+    )
 
 
 def evenly_spaced(function: Function) -> Vector:

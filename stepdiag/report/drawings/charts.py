@@ -46,7 +46,9 @@ class Scale:
 
     def __call__(self, value: float) -> float:
         """Return the pixel of a value."""
-        return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
+        return self.start + (value - self.low) / (self.high - self.low) * (
+            self.end - self.start
+        )
 
 
 def ticks(low: float, high: float) -> list[float]:
@@ -55,7 +57,9 @@ def ticks(low: float, high: float) -> list[float]:
     raw = span / INTERVALS
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(
-        factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1 - 1e-9)
+        factor * power
+        for factor in (1.0, 2.0, 5.0, 10.0)
+        if factor * power >= raw * (1 - 1e-9)
     )
     first = math.floor(low / step + 1e-9)
     last = math.ceil(high / step - 1e-9)
@@ -83,7 +87,9 @@ def _frame(horizontal: Scale, vertical: Scale, x_label: str, y_label: str) -> li
     parts: list[str] = []
     for scale, is_x in ((horizontal, True), (vertical, False)):
         marks = [
-            t for t in ticks(scale.low, scale.high) if scale.low - 1e-9 <= t <= scale.high + 1e-9
+            t
+            for t in ticks(scale.low, scale.high)
+            if scale.low - 1e-9 <= t <= scale.high + 1e-9
         ]
         step = marks[1] - marks[0] if len(marks) > 1 else 1.0
         for mark in marks:
@@ -97,14 +103,18 @@ def _frame(horizontal: Scale, vertical: Scale, x_label: str, y_label: str) -> li
                     )
                 )
                 parts.append(
-                    svg.text(name, at, vertical.start + 14, class_="tick", text_anchor="middle")
+                    svg.text(
+                        name, at, vertical.start + 14, class_="tick", text_anchor="middle"
+                    )
                 )
             else:
                 kind = "zero" if abs(mark) < step * 1e-6 else "grid"
                 line = svg.path([(horizontal.start, at), (horizontal.end, at)])
                 parts.append(svg.element("path", d=line, class_=kind))
                 parts.append(
-                    svg.text(name, horizontal.start - 6, at + 3.5, class_="tick", text_anchor="end")
+                    svg.text(
+                        name, horizontal.start - 6, at + 3.5, class_="tick", text_anchor="end"
+                    )
                 )
     middle = (horizontal.start + horizontal.end) / 2
     parts.append(svg.text(x_label, middle, HEIGHT - 6, class_="axis", text_anchor="middle"))
@@ -146,11 +156,13 @@ def _chart_line(series: Series, horizontal: Scale, vertical: Scale, order: int) 
     parts = []
     for run in _runs(np.isfinite(series.y)):
         points = [
-            (horizontal(a), vertical(b)) for a, b in zip(series.x[run], series.y[run], strict=True)
+            (horizontal(a), vertical(b))
+            for a, b in zip(series.x[run], series.y[run], strict=True)
         ]
         parts.append(svg.element("path", d=svg.path(points), class_=f"line s{order}"))
         parts += [
-            svg.element("circle", cx=x, cy=y, r=2.0, class_=f"dot s{order}") for x, y in points
+            svg.element("circle", cx=x, cy=y, r=2.0, class_=f"dot s{order}")
+            for x, y in points
         ]
     return parts
 
@@ -207,7 +219,9 @@ def line_chart(series: Sequence[Series], *, label: str, x_label: str, y_label: s
     low, high = _span([*(s.y for s in series), *reaches])
     marks = ticks(min(low, 0.0), max(high, 0.0))
     horizontal = Scale(*_span([s.x for s in series]), LEFT, WIDTH - RIGHT)
-    vertical = Scale(marks[0], marks[-1], HEIGHT - BOTTOM, TOP + (8 if len(series) > 1 else 0))
+    vertical = Scale(
+        marks[0], marks[-1], HEIGHT - BOTTOM, TOP + (8 if len(series) > 1 else 0)
+    )
     content = _frame(horizontal, vertical, x_label, y_label)
     for order, one in enumerate(series):
         content += _band(one, horizontal, vertical, order)

@@ -36,7 +36,9 @@ def effect_drawing(prediction: Prediction, reach: Reach, language: Language) -> 
     fields = [np.array(shown["before_um"]), np.array(shown["after_um"])]
     longest = max(float(np.linalg.norm(field, axis=1).max()) for field in fields)
     parts = [
-        svg.element("rect", width="100%", height="100%", style="fill: var(--paper); stroke: none")
+        svg.element(
+            "rect", width="100%", height="100%", style="fill: var(--paper); stroke: none"
+        )
     ]
     figures = (
         (BEFORE, reach.rms_before, reach.largest_before),
@@ -47,17 +49,23 @@ def effect_drawing(prediction: Prediction, reach: Reach, language: Language) -> 
         known = (
             rms is not None
             and largest is not None
-            and message("figures-of-field", name=name, rms=rms.words(), largest=largest.bound())
+            and message(
+                "figures-of-field", name=name, rms=rms.words(), largest=largest.bound()
+            )
         )
         words = rendered(known or name, language)
         drawn = space.field_drawing(prediction.volume, field, longest_um=longest, label=words)
         parts.append(svg.text(words, left + 10, 20, class_="strong"))
         parts.append(
-            svg.element("svg", drawn, x=left, y=_HEAD - 18, width=space.WIDTH, height=space.HEIGHT)
+            svg.element(
+                "svg", drawn, x=left, y=_HEAD - 18, width=space.WIDTH, height=space.HEIGHT
+            )
         )
     factor = space.magnification(prediction.volume, longest)
     parts.append(
-        svg.text(rendered(message("field-drawn", factor=factor), language), 10, 38, class_="tick")
+        svg.text(
+            rendered(message("field-drawn", factor=factor), language), 10, 38, class_="tick"
+        )
     )
     return svg.drawing(
         2 * space.WIDTH + _GAP, space.HEIGHT + _HEAD, rendered(TITLE, language), *parts
@@ -69,14 +77,20 @@ def sheet(drawings: Sequence[str], title: str, suffix: str, language: Language) 
     ``suffix`` is one of `SUFFIXES`.
     """
     parts = [
-        svg.element("rect", width="100%", height="100%", style="fill: var(--paper); stroke: none"),
+        svg.element(
+            "rect", width="100%", height="100%", style="fill: var(--paper); stroke: none"
+        ),
         svg.text(title, charts.LEFT, 16, class_="strong"),
     ]
     for place, drawing in enumerate(drawings):
         top = _TITLE + place * (charts.HEIGHT + _BELOW)
-        parts.append(svg.element("svg", drawing, y=top, width=charts.WIDTH, height=charts.HEIGHT))
+        parts.append(
+            svg.element("svg", drawing, y=top, width=charts.WIDTH, height=charts.HEIGHT)
+        )
     height = _TITLE + len(drawings) * (charts.HEIGHT + _BELOW)
-    return drawing_file(svg.drawing(charts.WIDTH, height, title, *parts), suffix, title, language)
+    return drawing_file(
+        svg.drawing(charts.WIDTH, height, title, *parts), suffix, title, language
+    )
 
 
 def drawing_file(drawing: str, suffix: str, title: str, language: Language) -> str:

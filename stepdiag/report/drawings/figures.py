@@ -79,7 +79,9 @@ def field_statistics(errors_um: Vector) -> tuple[float, float]:
     return float(np.sqrt(np.mean(lengths**2))), float(lengths.max())
 
 
-def volumetric_errors(result: Result, correction: Correction | None, count: int) -> list[Vector]:
+def volumetric_errors(
+    result: Result, correction: Correction | None, count: int
+) -> list[Vector]:
     """Return the error before and, with a correction, after it, rigid motion removed, each
     (count**3, 3) in um.
     """
@@ -100,7 +102,10 @@ def field_figures(
     points = space.lattice_mm(result.volume)
     figures = []
     for name, title, errors in zip(
-        ("field-before", "field-after"), (words["before"], words["after"]), fields, strict=False
+        ("field-before", "field-after"),
+        (words["before"], words["after"]),
+        fields,
+        strict=False,
     ):
         drawing = space.field_drawing(result.volume, errors, longest_um=longest, label=title)
         header = ["x_mm", "y_mm", "z_mm", "dx_um", "dy_um", "dz_um"]
@@ -136,7 +141,9 @@ def closure_figures(result: Result, words: dict[str, str]) -> list[Figure]:
         Series(label=axis.upper(), x=np.arange(len(y), dtype=np.float64), y=y)
         for axis, y in zip(AXES, columns, strict=True)
     ]
-    drawing = charts.line_chart(lines, label=words["closure"], x_label=words["node"], y_label="µm")
+    drawing = charts.line_chart(
+        lines, label=words["closure"], x_label=words["node"], y_label="µm"
+    )
     rows = [
         (line.label, int(node), value)
         for line in lines

@@ -60,7 +60,9 @@ def _plane(
             begin = (low + cell / 2, top + height / 2)
             end = (begin[0] + float(error[0]) * scale, begin[1] - float(error[1]) * scale)
             parts.append(svg.element("path", d=svg.path([begin, end]), class_="arrow"))
-            parts.append(svg.element("circle", cx=begin[0], cy=begin[1], r=1.4, class_="tail"))
+            parts.append(
+                svg.element("circle", cx=begin[0], cy=begin[1], r=1.4, class_="tail")
+            )
             words = vector_words(points_mm[x, y].tolist(), error.tolist())
             parts.append(svg.titled(words, "rect", x=low, y=top, width=cell, height=height))
     return parts

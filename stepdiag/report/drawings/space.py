@@ -61,7 +61,9 @@ class WireFrame:
     def add(self, points: Array) -> int:
         """Add points, shape (N, 3); return the index of the first."""
         first = len(self.points)
-        self.points += [(steady(x, 1), steady(y, 1), steady(z, 1)) for x, y, z in points.tolist()]
+        self.points += [
+            (steady(x, 1), steady(y, 1), steady(z, 1)) for x, y, z in points.tolist()
+        ]
         return first
 
     def markup(self) -> str:
@@ -82,11 +84,19 @@ class WireFrame:
             x, y = at[index]
             parts.append(
                 svg.text(
-                    name, x, y + 4, class_="axis strong", text_anchor="middle", data_at=str(index)
+                    name,
+                    x,
+                    y + 4,
+                    class_="axis strong",
+                    text_anchor="middle",
+                    data_at=str(index),
                 )
             )
         return svg.element(
-            "g", *parts, class_="turns", data_points=json.dumps(self.points, separators=(",", ":"))
+            "g",
+            *parts,
+            class_="turns",
+            data_points=json.dumps(self.points, separators=(",", ":")),
         )
 
 
@@ -104,9 +114,13 @@ def _px_per_mm(volume: Volume) -> float:
 
 def _add_box(frame: WireFrame, size_px: Array) -> None:
     """Add the edges of the volume and the names of its axes beyond their ends."""
-    corners = np.array([[(corner >> axis) & 1 for axis in range(3)] for corner in range(8)]) - 0.5
+    corners = (
+        np.array([[(corner >> axis) & 1 for axis in range(3)] for corner in range(8)]) - 0.5
+    )
     first = frame.add(corners * size_px)
-    for a, b in ((a, b) for a in range(8) for b in range(8) if a < b and (a ^ b) in {1, 2, 4}):
+    for a, b in (
+        (a, b) for a in range(8) for b in range(8) if a < b and (a ^ b) in {1, 2, 4}
+    ):
         frame.lines.append((first + a, first + b, "edge origin" if a == 0 else "edge"))
     tips = -0.5 * size_px + np.diag(size_px + 16.0)
     at = frame.add(tips)
@@ -162,7 +176,9 @@ def field_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label:
             (moved + a, moved + b, f"field f{shade(max(size[a], size[b]), longest_um)}")
         )
     for index, magnitude in enumerate(size):
-        frame.lines.append((start + index, moved + index, f"error f{shade(magnitude, longest_um)}"))
+        frame.lines.append(
+            (start + index, moved + index, f"error f{shade(magnitude, longest_um)}")
+        )
     for index, (point, error) in enumerate(
         zip(lattice_mm(volume).tolist(), errors_um.tolist(), strict=True)
     ):
@@ -177,7 +193,9 @@ def _key(longest_um: float) -> list[str]:
     for index in range(SHADES):
         x = left + index * 30
         parts.append(
-            svg.element("rect", x=x, y=HEIGHT - 28, width=30.0, height=7.0, class_=f"key f{index}")
+            svg.element(
+                "rect", x=x, y=HEIGHT - 28, width=30.0, height=7.0, class_=f"key f{index}"
+            )
         )
         parts.append(
             svg.text(

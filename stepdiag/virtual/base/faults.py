@@ -111,7 +111,9 @@ class FaultBoard:
             else:
                 self._armed.append((wall_s + fault.delay_s, fault))
 
-    def reach(self, setup: str, pass_number: int, stop: int, phase: str, wall_s: float) -> None:
+    def reach(
+        self, setup: str, pass_number: int, stop: int, phase: str, wall_s: float
+    ) -> None:
         """Arm the faults that wait for this place; the faults of the program itself wait until the
         program uses them.
         """
@@ -119,7 +121,9 @@ class FaultBoard:
             for fault in [
                 f
                 for f in self._waiting
-                if f.kind not in PROGRAM and f.phase == phase and f.is_at(setup, pass_number, stop)
+                if f.kind not in PROGRAM
+                and f.phase == phase
+                and f.is_at(setup, pass_number, stop)
             ]:
                 self._waiting.remove(fault)
                 self._armed.append((wall_s + fault.delay_s, fault))

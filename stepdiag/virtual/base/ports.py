@@ -140,9 +140,9 @@ class SerialLine:
             self._full_since_s = None
 
     def _unread(self) -> int:
-        waiting: int = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0"))[
-            0
-        ]
+        waiting: int = struct.unpack(
+            "i", fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0")
+        )[0]
         return waiting
 
 

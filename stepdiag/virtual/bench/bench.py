@@ -66,7 +66,9 @@ class VirtualBench:
     its end.
     """
 
-    def __init__(self, config: BenchConfig, directory: Path, *, tell: Tell | None = None) -> None:
+    def __init__(
+        self, config: BenchConfig, directory: Path, *, tell: Tell | None = None
+    ) -> None:
         self.config = config
         self.machine: Machine = build_machine(config)
         self._tell = tell
@@ -126,9 +128,12 @@ class VirtualBench:
         Raises ValueError for a setup outside the program.
         """
         if again and again not in self._plan.setups:
-            raise ValueError(f"expected a setup of {', '.join(self._plan.setups)}, found {again!r}")
+            raise ValueError(
+                f"expected a setup of {', '.join(self._plan.setups)}, found {again!r}"
+            )
         self._player.start(
-            self._clock.machine_s(), one_more(self._plan, again, self._faults) if again else ()
+            self._clock.machine_s(),
+            one_more(self._plan, again, self._faults) if again else (),
         )
 
     def inject(self, fault: Fault) -> None:
@@ -150,12 +155,18 @@ class VirtualBench:
             base=part.base,
             order=part.order,
             registers=PositionRegisters(
-                shows=part.positions, scatter_um=part.scatter_um, resolution_mm=part.resolution_mm
+                shows=part.positions,
+                scatter_um=part.scatter_um,
+                resolution_mm=part.resolution_mm,
             ),
             seed=self.config.seed,
         )
         slave = Slave(
-            plc, unit=part.unit, clock=self._clock, faults=self._faults, attention=self._attention
+            plc,
+            unit=part.unit,
+            clock=self._clock,
+            faults=self._faults,
+            attention=self._attention,
         )
         if part.transport == "tcp":
             server = TcpSlave(slave, host=part.host, port=part.port)
@@ -185,7 +196,12 @@ class VirtualBench:
         self._addresses["laser_link"] = line.name
         around = Surroundings(self._climate, self._standing)
         device = build_laser(
-            part, readout.read, self.config.seed, around, clock=self._clock, faults=self._faults
+            part,
+            readout.read,
+            self.config.seed,
+            around,
+            clock=self._clock,
+            faults=self._faults,
         )
         self._workers.append(
             Talker(
@@ -223,7 +239,9 @@ class VirtualBench:
         line = SerialLine(directory / part.link)
         self._addresses["head_link"] = str(line.link)
         device = (
-            self._angular(part) if part.format in ("elcomat", "wyler") else self._four_dof(part)
+            self._angular(part)
+            if part.format in ("elcomat", "wyler")
+            else self._four_dof(part)
         )
         self._workers.append(
             Talker(
@@ -242,7 +260,9 @@ class VirtualBench:
             return
         line = TcpLine() if part.wire == "tcp" else SerialLine(directory / part.link)
         self._addresses["air_link"] = line.name
-        device = Transmitter(self._climate) if part.format == "ptu300" else Logger(self._climate)
+        device = (
+            Transmitter(self._climate) if part.format == "ptu300" else Logger(self._climate)
+        )
         self._workers.append(
             Talker(
                 line,
@@ -299,7 +319,9 @@ class VirtualBench:
             if segment.step.kind == "dwell"
             else _SEEN_MOVING_S
         )
-        return self._attention.lacking(segment.start_s / scale, self._clock.wall_s(), wanted_s)
+        return self._attention.lacking(
+            segment.start_s / scale, self._clock.wall_s(), wanted_s
+        )
 
     def _say(self, event: str, setup: str) -> None:
         if self._tell is not None:

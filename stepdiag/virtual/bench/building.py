@@ -85,7 +85,9 @@ def build_errors(config: BenchConfig) -> ErrorSet:
         squareness_urad=part.squareness_urad,
     )
     drawn = random_errors(config.seed, volume.origin_mm, volume.size_mm, amplitudes)
-    tables = {name: Table(table.position_mm, table.value) for name, table in part.tables.items()}
+    tables = {
+        name: Table(table.position_mm, table.value) for name, table in part.tables.items()
+    }
     lost = {
         f"E{a}{a}": Table((0.0,), (-um,))
         for a, um in zip(AXES, part.backlash_um, strict=True)
@@ -154,7 +156,9 @@ def build_machine(config: BenchConfig) -> Machine:
         compensations=[
             table
             for loaded in config.compensation
-            for table in load_files(loaded.control, [Path(f) for f in loaded.files], part.chain)
+            for table in load_files(
+                loaded.control, [Path(f) for f in loaded.files], part.chain
+            )
         ],
     )
 
@@ -211,7 +215,10 @@ def alignment_of(config: BenchConfig, setup: str) -> Alignment:
     rng = np.random.default_rng([config.seed, *setup.encode("ascii")])
     mirror, beam = rng.uniform(0.0, 2.0 * math.pi, size=2)
     return Alignment(
-        mirror_mrad=(part.mirror_mrad * math.cos(mirror), part.mirror_mrad * math.sin(mirror)),
+        mirror_mrad=(
+            part.mirror_mrad * math.cos(mirror),
+            part.mirror_mrad * math.sin(mirror),
+        ),
         beam_mrad=(part.beam_mrad * math.cos(beam), part.beam_mrad * math.sin(beam)),
         beam_offset_mm=shifted_setups(config).get(setup, (0.0, 0.0, 0.0)),
         target_mm=part.target_mm,
@@ -277,7 +284,9 @@ def _stand_up(
             amplitude=part.wobble_urad, period_s=part.wobble_period_s, seed=config.seed + 2
         ),
         bending_urad_m=Wander(
-            amplitude=part.bending_urad_m, period_s=part.bending_period_s, seed=config.seed + 1
+            amplitude=part.bending_urad_m,
+            period_s=part.bending_period_s,
+            seed=config.seed + 1,
         ),
     )
     return VirtualHead(

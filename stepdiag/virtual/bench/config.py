@@ -252,7 +252,9 @@ def read_config(file: Path) -> BenchConfig:
         raise ValueError(f"{file}: expected at most {LARGEST_BYTES} bytes")
     config = load_config(file.read_text(encoding="utf-8"))
     resolved = tuple(
-        msgspec.structs.replace(part, files=tuple(str(file.parent / name) for name in part.files))
+        msgspec.structs.replace(
+            part, files=tuple(str(file.parent / name) for name in part.files)
+        )
         for part in config.compensation
     )
     return msgspec.structs.replace(config, compensation=resolved)

@@ -55,7 +55,9 @@ class AxisTable:
         directions.
         """
         acting = (
-            1.0 if self.travel == 0 else 0.5 * (1.0 + self.travel * direction[:, self.input_axis])
+            1.0
+            if self.travel == 0
+            else 0.5 * (1.0 + self.travel * direction[:, self.input_axis])
         )
         correction = np.zeros_like(commanded_mm)
         correction[:, self.output_axis] = acting * self.value_at(commanded_mm)

@@ -31,7 +31,11 @@ def load_volumetric(
                 raise ValueError(f"{name}: expected a squareness")
             squareness[name] = float(value)
     return ChainTable(
-        chain=chain, functions=functions, squareness_rad=squareness, carries=carries, negated=negate
+        chain=chain,
+        functions=functions,
+        squareness_rad=squareness,
+        carries=carries,
+        negated=negate,
     )
 
 

@@ -21,7 +21,9 @@ LARGEST_BYTES = 4_000_000
 _COMP_SUFFIXES = (".comp", ".dat", ".txt")
 
 
-def load_files(control: Control, files: Sequence[Path], chain: str = "FXYZ") -> Sequence[Acting]:
+def load_files(
+    control: Control, files: Sequence[Path], chain: str = "FXYZ"
+) -> Sequence[Acting]:
     """Return the active tables after all ``files`` have been loaded into a control of this make.
 
     A LinuxCNC screw file belongs to the axis in its name (``screw_x.comp``, ``compX.dat``); a
@@ -43,7 +45,9 @@ def load_files(control: Control, files: Sequence[Path], chain: str = "FXYZ") -> 
     if control == "heidenhain":
         return [_heidenhain(dict(zip((file.name for file in files), texts, strict=True)))]
     return [
-        table for file, text in zip(files, texts, strict=True) for table in _linuxcnc(file, text)
+        table
+        for file, text in zip(files, texts, strict=True)
+        for table in _linuxcnc(file, text)
     ]
 
 
@@ -57,7 +61,9 @@ def _heidenhain(texts: dict[str, str]) -> ChainTable:
         if (found := re.match(r"AXIS[-_](\w+?)(?:_UNTESTED_SIGN)?\.COM\Z", name))
     }
     lines = "".join(text for name, text in texts.items() if name.endswith(".txt"))
-    return load_tables(tables, lines, axis_names={name: "XYZ"[AXIS_NAMES[name]] for name in tables})
+    return load_tables(
+        tables, lines, axis_names={name: "XYZ"[AXIS_NAMES[name]] for name in tables}
+    )
 
 
 def _linuxcnc(file: Path, text: str) -> Sequence[Acting]:

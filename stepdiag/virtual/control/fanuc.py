@@ -84,9 +84,15 @@ def load_fanuc(
         memory.read(text)
     tables: list[AxisTable] = []
     for axis in (1, 2, 3):
-        if axis in memory.parameters.get(3624, {}) and memory.length_mm(3624, axis, least_input_mm):
+        if axis in memory.parameters.get(3624, {}) and memory.length_mm(
+            3624, axis, least_input_mm
+        ):
             tables += _axis_tables(
-                memory, axis, detection_unit_um * 1e-3, least_input_mm, interpolated=interpolated
+                memory,
+                axis,
+                detection_unit_um * 1e-3,
+                least_input_mm,
+                interpolated=interpolated,
             )
     tables += [
         table
@@ -127,13 +133,19 @@ def _straightness(
 def _axis_tables(
     memory: _Memory, axis: int, unit_mm: float, least_input_mm: float, *, interpolated: bool
 ) -> list[AxisTable]:
-    reference, lowest, highest = (memory.integer(number, axis) for number in (3620, 3621, 3622))
+    reference, lowest, highest = (
+        memory.integer(number, axis) for number in (3620, 3621, 3622)
+    )
     interval_mm = memory.length_mm(3624, axis, least_input_mm)
     scale_mm = memory.integer(3623, axis) * unit_mm
-    positions = tuple((point - reference) * interval_mm for point in range(lowest - 1, highest + 1))
+    positions = tuple(
+        (point - reference) * interval_mm for point in range(lowest - 1, highest + 1)
+    )
 
     def table(first: int, travel: int, at_reference_mm: float) -> AxisTable:
-        increments = [_increment(memory, first + offset) for offset in range(highest - lowest + 1)]
+        increments = [
+            _increment(memory, first + offset) for offset in range(highest - lowest + 1)
+        ]
         values = _absolute(increments, reference - lowest + 1)
         return AxisTable(
             input_axis=axis - 1,

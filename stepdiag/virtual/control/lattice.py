@@ -49,5 +49,6 @@ def load_lattice(text: str) -> LatticeTable:
         raise ValueError(f"lattice: expected {np.prod(shape)} vertices, found {len(rows)}")
     ordered = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
     return LatticeTable(
-        axes_mm=(axes[0], axes[1], axes[2]), vectors_mm=ordered[:, 3:].reshape(*shape, 3) * 1e-3
+        axes_mm=(axes[0], axes[1], axes[2]),
+        vectors_mm=ordered[:, 3:].reshape(*shape, 3) * 1e-3,
     )

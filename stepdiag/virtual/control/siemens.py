@@ -38,7 +38,9 @@ class _Memory:
     def get(self, name: str, index: tuple[str, ...], default: str | None = None) -> str:
         value = self.cells.get(name, {}).get(index, default)
         if value is None:
-            raise ValueError(f"${name}[{','.join(index)}]: expected an assignment, found none")
+            raise ValueError(
+                f"${name}[{','.join(index)}]: expected an assignment, found none"
+            )
         return value
 
     def indices(self, name: str) -> list[tuple[str, ...]]:
@@ -91,7 +93,9 @@ def load_siemens(
     return control.tables()
 
 
-def _leadscrew_tables(memory: _Memory, system: str, names: Mapping[str, int]) -> list[AxisTable]:
+def _leadscrew_tables(
+    memory: _Memory, system: str, names: Mapping[str, int]
+) -> list[AxisTable]:
     tables = []
     for index in memory.indices("AA_ENC_COMP_STEP"):
         if index[0] != system or memory.get("MA_ENC_COMP_ENABLE", index, "1").upper() in _OFF:
@@ -103,7 +107,9 @@ def _leadscrew_tables(memory: _Memory, system: str, names: Mapping[str, int]) ->
             for n in range(len(positions))
         )
         tables.append(
-            AxisTable(input_axis=axis, output_axis=axis, position_mm=positions, value_mm=values)
+            AxisTable(
+                input_axis=axis, output_axis=axis, position_mm=positions, value_mm=values
+            )
         )
     return tables
 
@@ -120,7 +126,8 @@ def _cross_tables(
     """
     active = [index for index in memory.indices("AN_CEC_STEP") if not _is_off(memory, index)]
     linked = {
-        index: (str(int(memory.get("AN_CEC_MULT_BY_TABLE", index, "0")) - 1),) for index in active
+        index: (str(int(memory.get("AN_CEC_MULT_BY_TABLE", index, "0")) - 1),)
+        for index in active
     }
     linked = {index: by for index, by in linked.items() if by != ("-1",)}
     tables = []
@@ -154,7 +161,8 @@ def _cross_table(
         output_axis=_axis(memory.get("AN_CEC_OUTPUT_AXIS", index), names),
         position_mm=positions,
         value_mm=tuple(
-            weight * float(memory.get("AN_CEC", (*index, str(n)))) for n in range(len(positions))
+            weight * float(memory.get("AN_CEC", (*index, str(n))))
+            for n in range(len(positions))
         ),
         travel=int(memory.get("AN_CEC_DIRECTION", index, "0")),
         factor=factor,

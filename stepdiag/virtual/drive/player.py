@@ -77,7 +77,9 @@ class Drive:
     def duration_s(self, distance_mm: float) -> float:
         """Return how long a move takes."""
         peak = self._peak_mm_s(distance_mm)
-        return distance_mm / peak + peak / self.acceleration_mm_s2 if distance_mm > 0.0 else 0.0
+        return (
+            distance_mm / peak + peak / self.acceleration_mm_s2 if distance_mm > 0.0 else 0.0
+        )
 
     def _peak_mm_s(self, distance_mm: float) -> float:
         return min(self.feed_mm_min / 60.0, math.sqrt(distance_mm * self.acceleration_mm_s2))
@@ -185,7 +187,10 @@ class Player:
         the machine waits is ignored.
         """
         with self._lock:
-            if self._segments[-1].step.kind == "pause" and self._segments[-1].end_s == math.inf:
+            if (
+                self._segments[-1].step.kind == "pause"
+                and self._segments[-1].end_s == math.inf
+            ):
                 self._program = chain(first, self._program)
             self._started_s = at_s
 
@@ -230,7 +235,9 @@ class Player:
         shown = segment.step.kind == "move" or (
             segment.step.kind == "dwell" and segment.step.signalled
         )
-        return shown and self._hold is not None and not self._handshake and self._hold(segment)
+        return (
+            shown and self._hold is not None and not self._handshake and self._hold(segment)
+        )
 
     def _enter(self, last: Segment) -> None:
         step = next(self._program, None)
@@ -250,7 +257,9 @@ class Player:
             true_from_mm=last.true_to_mm,
             true_to_mm=true_mm,
             servo_um=(last.servo_um[1], servo_um),
-            approach=np.where(target != last.to_mm, np.sign(target - last.to_mm), last.approach),
+            approach=np.where(
+                target != last.to_mm, np.sign(target - last.to_mm), last.approach
+            ),
             stop_count=last.stop_count + step.counts,
             moved=(target - last.to_mm) / distance if distance > 0.0 else last.moved,
             arrived_s=last.end_s if last.step.kind == "move" else last.arrived_s,
@@ -268,7 +277,9 @@ class Player:
             [self._drive.servo_um],
         ]
         moved = target != last.to_mm
-        true_mm: Array = np.where(moved, target + 1e-3 * drawn_um.sum(axis=0), last.true_to_mm)
+        true_mm: Array = np.where(
+            moved, target + 1e-3 * drawn_um.sum(axis=0), last.true_to_mm
+        )
         servo_um: Array = np.where(moved, drawn_um[1], last.servo_um[1])
         return true_mm, servo_um
 

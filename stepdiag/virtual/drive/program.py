@@ -71,7 +71,9 @@ def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
     """
     for setup in plan.setups:
         yield Step(
-            kind="pause", duration_s=math.inf if plan.pause_s is None else plan.pause_s, beam=False
+            kind="pause",
+            duration_s=math.inf if plan.pause_s is None else plan.pause_s,
+            beam=False,
         )
         yield from _setup_steps(plan, setup, faults)
 
@@ -80,7 +82,9 @@ def again(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
     """Yield the steps of a repeated setup, and the wait after it."""
     yield from _setup_steps(plan, setup, faults)
     yield Step(
-        kind="pause", duration_s=math.inf if plan.pause_s is None else plan.pause_s, beam=False
+        kind="pause",
+        duration_s=math.inf if plan.pause_s is None else plan.pause_s,
+        beam=False,
     )
 
 
@@ -166,9 +170,13 @@ def _commissioning(
                     duration_s=seconds,
                     signalled=False,
                 )
-        yield replace(move, kind="dwell", duration_s=stand_s[1], signalled=False, wobbled=True)
+        yield replace(
+            move, kind="dwell", duration_s=stand_s[1], signalled=False, wobbled=True
+        )
         if end == -1:
-            yield replace(move, kind="dwell", duration_s=stand_s[2], signalled=False, beam=False)
+            yield replace(
+                move, kind="dwell", duration_s=stand_s[2], signalled=False, beam=False
+            )
 
 
 def _jogs(axis: int, stand_s: float) -> Iterator[tuple[Array, float]]:
@@ -211,5 +219,9 @@ def _stop_steps(
     longer = faults.take("dwell-longer", *place)
     dwell_s = plan.dwell_s + (longer.duration_s if longer else 0.0)
     yield replace(
-        move, kind="dwell", duration_s=dwell_s, counts=0 if silent else counts, signalled=not silent
+        move,
+        kind="dwell",
+        duration_s=dwell_s,
+        counts=0 if silent else counts,
+        signalled=not silent,
     )

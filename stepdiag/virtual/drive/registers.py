@@ -21,7 +21,9 @@ class PositionRegisters:
     scatter_um: float = 0.0
     resolution_mm: float = 0.0
 
-    def shown_mm(self, commanded_mm: Array, servo_um: Array, rng: np.random.Generator) -> Array:
+    def shown_mm(
+        self, commanded_mm: Array, servo_um: Array, rng: np.random.Generator
+    ) -> Array:
         """Return the positions that the registers show for commanded positions (N, 3), shape (N,
         3)."""
         shown = commanded_mm

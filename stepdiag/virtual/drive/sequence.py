@@ -107,7 +107,11 @@ def _written(stop_mm: Array, box: Box) -> Array:
 
 def _moved_axes(setup: str, axis_order: str) -> Iterator[int]:
     axis = axis_of_run(setup)
-    return iter((axis,)) if axis is not None else iter("xyz".index(letter) for letter in axis_order)
+    return (
+        iter((axis,))
+        if axis is not None
+        else iter("xyz".index(letter) for letter in axis_order)
+    )
 
 
 @dataclass(frozen=True, slots=True)

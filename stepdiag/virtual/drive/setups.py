@@ -13,7 +13,14 @@ from stepdiag.virtual.drive.sequence import (
 from stepdiag.virtual.physics.error_functions import Array
 from stepdiag.virtual.physics.kinematics import Stand
 from stepdiag.virtual.physics.machine import Machine, Setup
-from stepdiag.virtual.physics.optics import Beam, CornerCube, Figure, PlaneMirror, Target, tilted
+from stepdiag.virtual.physics.optics import (
+    Beam,
+    CornerCube,
+    Figure,
+    PlaneMirror,
+    Target,
+    tilted,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -38,7 +38,8 @@ class Wander:
         for swing in range(1, 5):
             phase = rng.uniform(0.0, 2 * np.pi, size=2)
             motion += np.sin(
-                2 * np.pi * swing * rng.uniform(0.8, 1.2) / self.period_s * times[:, None] + phase
+                2 * np.pi * swing * rng.uniform(0.8, 1.2) / self.period_s * times[:, None]
+                + phase
             )
         return motion * (self.amplitude / 4.0)
 
@@ -63,7 +64,10 @@ class SpotDetector:
 
     def face_mm(self, spot_mm: Array) -> Array:
         """Return the place of a spot (N, 2) in the detector's own axes, shape (N, 2)."""
-        cosine, sine = math.cos(self.rotation_mrad * 1e-3), math.sin(self.rotation_mrad * 1e-3)
+        cosine, sine = (
+            math.cos(self.rotation_mrad * 1e-3),
+            math.sin(self.rotation_mrad * 1e-3),
+        )
         x, y = spot_mm[:, 0], spot_mm[:, 1]
         own = np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=1)
         faced: Array = own * np.array(self.sign)
@@ -190,7 +194,9 @@ class VirtualHead:
         these times."""
         pointing = self._disturbance.pointing_urad.at(time_s) * 1e-6
         if wobbled is not None:
-            pointing = pointing + wobbled[:, None] * self._disturbance.wobble_urad.at(time_s) * 1e-6
+            pointing = (
+                pointing + wobbled[:, None] * self._disturbance.wobble_urad.at(time_s) * 1e-6
+            )
         bending = self._disturbance.bending_urad_m.at(time_s) * 1e-9
         traced, centre = self._trace(pose, pointing, bending), self._centre
         return Spots(
@@ -201,7 +207,11 @@ class VirtualHead:
         )
 
     def channels(
-        self, pose: Pose, time_s: Array, light: Array | None = None, wobbled: Array | None = None
+        self,
+        pose: Pose,
+        time_s: Array,
+        light: Array | None = None,
+        wobbled: Array | None = None,
     ) -> Counts:
         """Return x, y and sum of QD, PSD1 and PSD2 in counts, shape (N, 9).
 
@@ -247,7 +257,11 @@ class VirtualHead:
                 stand, at_source, from_cube, optics.psd1_focal_mm, optics.psd1_defocus_mm
             ),
             psd2_mm=_focused(
-                stand, mirror_at_source, from_mirror, optics.psd2_focal_mm, optics.psd2_defocus_mm
+                stand,
+                mirror_at_source,
+                from_mirror,
+                optics.psd2_focal_mm,
+                optics.psd2_defocus_mm,
             ),
             path_mm=2.0 * distance[:, 0] + optics.qd_path_mm,
         )
@@ -275,7 +289,9 @@ def dark_channels(optics: HeadOptics, count: int, rng: np.random.Generator) -> C
     """Return the counts of the detectors without light, shape (count, 9)."""
     nothing, light = np.zeros((count, 2)), np.zeros(count)
     detectors = (optics.qd, optics.psd1, optics.psd2)
-    return np.concatenate([detector.counts(nothing, light, rng) for detector in detectors], axis=1)
+    return np.concatenate(
+        [detector.counts(nothing, light, rng) for detector in detectors], axis=1
+    )
 
 
 _erf = np.vectorize(math.erf, otypes=[np.float64])

@@ -33,7 +33,11 @@ class FourdofHead(Counting):
     """A head that sends frame after frame (`stepdiag.virtual.instruments.talker.Talking`)."""
 
     def __init__(
-        self, look: Look, *, rate_hz: float = 250.0, encoding: Literal["binary", "ascii"] = "binary"
+        self,
+        look: Look,
+        *,
+        rate_hz: float = 250.0,
+        encoding: Literal["binary", "ascii"] = "binary",
     ) -> None:
         super().__init__()
         self.rate_hz = rate_hz
@@ -80,7 +84,9 @@ class QuadrantDetector:
         """Return the complete short messages."""
         self._pending += received
         whole = len(self._pending) // _HEADER * _HEADER
-        messages = [self._pending[start : start + _HEADER] for start in range(0, whole, _HEADER)]
+        messages = [
+            self._pending[start : start + _HEADER] for start in range(0, whole, _HEADER)
+        ]
         self._pending = self._pending[whole:]
         return messages
 

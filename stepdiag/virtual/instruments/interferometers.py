@@ -169,7 +169,8 @@ class Lasertex:
         yield self._frame(0xB00A, air)
         for sensor in (1, 2):
             yield self._frame(
-                0xB00A, struct.pack(">BhBBBh4x", sensor, round(now.material_c * 100), 0, 90, 80, 0)
+                0xB00A,
+                struct.pack(">BhBBBh4x", sensor, round(now.material_c * 100), 0, 90, 80, 0),
             )
 
     def _frame(self, code: int, data: bytes) -> bytes:
@@ -241,7 +242,9 @@ class Qudis:
             part = slice(first, first + 32)
             words = [
                 word
-                for mm, edges in zip(reading_mm[part].tolist(), marker[part].tolist(), strict=True)
+                for mm, edges in zip(
+                    reading_mm[part].tolist(), marker[part].tolist(), strict=True
+                )
                 for word in _pair(mm, edges)
             ]
             if streams and wanted:
@@ -267,7 +270,9 @@ def _pair(reading_mm: float, edges: int) -> tuple[int, int]:
     """Return the two words of a reading."""
     position = round(reading_mm * 1e9) & (1 << 48) - 1
     count = edges & 0x3FFF
-    return position & 0xFFFFFF | (count & 0x7F) << 24, position >> 24 | (count >> 7) << 24 | 1 << 31
+    return position & 0xFFFFFF | (count & 0x7F) << 24, position >> 24 | (
+        count >> 7
+    ) << 24 | 1 << 31
 
 
 def _signed(index: int) -> int:

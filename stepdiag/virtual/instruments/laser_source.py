@@ -71,7 +71,11 @@ class Counter:
     def _count_on(self, indicated_mm: Array, reading: Array) -> None:
         if math.isnan(self._offset_mm):
             self._offset_mm = self._held_mm - self._sign * float(indicated_mm[0])
-        noise = self._rng.normal(scale=self._noise_mm, size=len(reading)) if self._noise_mm else 0.0
+        noise = (
+            self._rng.normal(scale=self._noise_mm, size=len(reading))
+            if self._noise_mm
+            else 0.0
+        )
         reading[:] = self._sign * indicated_mm + self._offset_mm + noise
         self._held_mm = float(reading[-1])
 
@@ -91,7 +95,13 @@ class _Sampler:
     """
 
     def __init__(
-        self, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float
+        self,
+        read: Read,
+        counter: Counter,
+        *,
+        clock: Clock,
+        faults: FaultBoard,
+        latency_s: float,
     ) -> None:
         self._read = read
         self._counter = counter
@@ -175,7 +185,9 @@ class CommandedLaser(TalkingLaser):
         faults: FaultBoard,
         latency_s: float = 0.0,
     ) -> None:
-        super().__init__(device, read, counter, clock=clock, faults=faults, latency_s=latency_s)
+        super().__init__(
+            device, read, counter, clock=clock, faults=faults, latency_s=latency_s
+        )
         self.respond = device.respond
 
 

@@ -67,7 +67,9 @@ BOARDS: dict[str, Board] = {
         banner=b"\nMinimalist Homodyne Test:\r\n",
     ),
     "umd1": Board(rate_hz=610.3515625, phase_steps=256, codes={1: (10, 6000)}),
-    "umd2": Board(rate_hz=1000.0, phase_steps=65536, codes={1: (10, 7 << 16 | 264), 3: (112, 4)}),
+    "umd2": Board(
+        rate_hz=1000.0, phase_steps=65536, codes={1: (10, 7 << 16 | 264), 3: (112, 4)}
+    ),
 }
 """uMD0 v09 (homodyne), uMD1 v60 (8-bit phase), uMD2 v264.07 (16-bit phase, named by code 112)."""
 
@@ -95,11 +97,19 @@ class UmdBoard:
     ) -> None:
         self._board = board
         self.rate_hz = rate_hz or board.rate_hz
-        self._mm_per_count = wavelength_nm * 1e-6 / 2.0 / optics / (board.counts_per_cycle or 1)
-        self._reference = 0 if board.counts_per_cycle else round(reference_mhz * 1e6 / self.rate_hz)
+        self._mm_per_count = (
+            wavelength_nm * 1e-6 / 2.0 / optics / (board.counts_per_cycle or 1)
+        )
+        self._reference = (
+            0 if board.counts_per_cycle else round(reference_mhz * 1e6 / self.rate_hz)
+        )
         self._codes = {2: (8, round(self.rate_hz * 100))} | dict(board.codes)
-        self._codes |= {20 + code: (code, value) for code, value in (environment or {}).items()}
-        self._line = "%d %d %d %d %d %d %d %d" + (" 0 0 0 0 0 0 0 0" if axes == 3 else "") + "\r\n"
+        self._codes |= {
+            20 + code: (code, value) for code, value in (environment or {}).items()
+        }
+        self._line = (
+            "%d %d %d %d %d %d %d %d" + (" 0 0 0 0 0 0 0 0" if axes == 3 else "") + "\r\n"
+        )
         self._sequence = 0
         self._last_count = 0
 
@@ -176,7 +186,9 @@ class AsciiLine(Counting):
         for position_mm, present in zip(reading_mm.tolist(), beam.tolist(), strict=True):
             counter = self._counter % self._modulus
             lines.append(
-                self._text.format(position_mm=position_mm, counter=counter, beam=float(present))
+                self._text.format(
+                    position_mm=position_mm, counter=counter, beam=float(present)
+                )
             )
             self._counter += 1
         return "".join(lines).encode("ascii")
@@ -219,5 +231,7 @@ class NdDisplay:
         if request == b"\x1bA0200\r" and beam:
             return _STX + b"%+010d\r\n" % lsb
         if request in (_STX, b"\x1bA0100\r") and beam:
-            return _STX + f"{lsb * self._resolution_mm:+.{self._decimals}f}\r\n".encode("ascii")
+            return _STX + f"{lsb * self._resolution_mm:+.{self._decimals}f}\r\n".encode(
+                "ascii"
+            )
         return _NAK

@@ -47,7 +47,9 @@ def track(player: Player, drive: Drive, time_s: Array) -> Track:
         fraction = drive.fraction(segment.distance_mm, times - segment.start_s)[:, None]
         swing_mm = drive.ring_um_at(segment, times)[:, None] * segment.moved * 1e-3
         followed.position_mm[first:last] = (
-            segment.true_from_mm + fraction * (segment.true_to_mm - segment.true_from_mm) + swing_mm
+            segment.true_from_mm
+            + fraction * (segment.true_to_mm - segment.true_from_mm)
+            + swing_mm
         )
         followed.approach[first:last] = segment.approach
         followed.setup[first:last] = [segment.step.setup] * (last - first)
@@ -116,7 +118,9 @@ class Readout:
         together: Array = length_mm + self._swing_um(segment, setup, time_s) * 1e-3
         return together
 
-    def _curve_of(self, segment: Segment, setup: Setup, time_s: float, *, moving: bool) -> _Curve:
+    def _curve_of(
+        self, segment: Segment, setup: Setup, time_s: float, *, moving: bool
+    ) -> _Curve:
         block = 0 if moving else int((time_s - segment.start_s) / self._refresh_s)
         if self._curve.key != (segment.number, block):
             if moving:
@@ -140,7 +144,9 @@ class Readout:
         """Return how far structure and floor swing along the beam, shape (N,)."""
         drive = self._drive
         hum: Array = drive.hum_um * np.sin(2 * np.pi * drive.hum_hz * time_s)
-        return hum + drive.ring_um_at(segment, time_s) * float(segment.moved @ setup.beam.direction)
+        return hum + drive.ring_um_at(segment, time_s) * float(
+            segment.moved @ setup.beam.direction
+        )
 
 
 class HeadView:

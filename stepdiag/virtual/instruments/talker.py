@@ -170,5 +170,9 @@ class Talker:
             data = self._rng.integers(0, 256, size=len(data), dtype=np.uint8).tobytes()
         for fault in self._faults.due(self._cable.garbage, now):
             middle, count = len(data) // 2, int(fault.value) or 40
-            data = data[:middle] + self._rng.bytes(max(0, count)) + data[middle + max(0, -count) :]
+            data = (
+                data[:middle]
+                + self._rng.bytes(max(0, count))
+                + data[middle + max(0, -count) :]
+            )
         self._line.write(data)

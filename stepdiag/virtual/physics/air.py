@@ -40,7 +40,11 @@ def refractive_index(
     vapour = 1.022e-8 * (295.235 + 2.6422 * wave - 0.03238 * wave**2 + 0.004028 * wave**3)
     enhancement = 1.00062 + 3.14e-8 * pressure + 5.6e-7 * temperature_c**2
     water = (
-        humidity_percent / 100.0 * enhancement * saturation_pressure_pa(temperature_c) / pressure
+        humidity_percent
+        / 100.0
+        * enhancement
+        * saturation_pressure_pa(temperature_c)
+        / pressure
     )
     density = (
         pressure
@@ -49,5 +53,7 @@ def refractive_index(
     )
     dry_density = density * (1.0 - water)
     water_density = density * water * 0.018015 / _DRY_AIR_KG_PER_MOL
-    standard_density = 101325.0 * _DRY_AIR_KG_PER_MOL / (0.9995922115 * _GAS_CONSTANT * 288.15)
+    standard_density = (
+        101325.0 * _DRY_AIR_KG_PER_MOL / (0.9995922115 * _GAS_CONSTANT * 288.15)
+    )
     return 1.0 + dry * dry_density / standard_density + vapour * water_density / 0.00985938

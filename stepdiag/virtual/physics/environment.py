@@ -46,7 +46,11 @@ class Environment:
         times = np.asarray(time_s, dtype=np.float64)
         if len(times) == 0:
             return times
-        grid = np.unique(times) if len(times) <= 200 else np.linspace(times.min(), times.max(), 200)
+        grid = (
+            np.unique(times)
+            if len(times) <= 200
+            else np.linspace(times.min(), times.max(), 200)
+        )
         index = [
             refractive_index(air_c, pressure_hpa, humidity, wavelength_nm)
             for air_c, pressure_hpa, humidity in zip(

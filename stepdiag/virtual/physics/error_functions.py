@@ -63,7 +63,10 @@ class Waved:
 
     def __call__(self, position_mm: Array) -> Array:
         turns = (
-            2.0 * np.pi / self.period_mm * (np.asarray(position_mm, dtype=np.float64) - self.low_mm)
+            2.0
+            * np.pi
+            / self.period_mm
+            * (np.asarray(position_mm, dtype=np.float64) - self.low_mm)
         )
         value: Array = self.base(position_mm) + self.amplitude * (
             np.sin(turns + self.phase_rad) - np.sin(self.phase_rad)
@@ -77,7 +80,11 @@ def zero(position_mm: Array) -> Array:
 
 
 def smooth(
-    rng: np.random.Generator, low_mm: float, length_mm: float, amplitude: float, tilt: float = 0.0
+    rng: np.random.Generator,
+    low_mm: float,
+    length_mm: float,
+    amplitude: float,
+    tilt: float = 0.0,
 ) -> Smooth:
     """Draw a smooth function whose largest deviation from its end-point line is ``amplitude``.
 
@@ -137,7 +144,9 @@ class ErrorSet:
         """Return the rotation of carriage ``axis`` about X, Y, Z, shape (N, 3)."""
         return self._components("ABC", axis, position_mm, direction)
 
-    def _components(self, letters: str, axis: int, position_mm: Array, direction: Array) -> Array:
+    def _components(
+        self, letters: str, axis: int, position_mm: Array, direction: Array
+    ) -> Array:
         columns = []
         for letter in letters:
             name = f"E{letter}{AXES[axis]}"
@@ -173,10 +182,14 @@ def random_errors(
             )
         for about in "ABC":
             tilt = rng.uniform(-0.5, 0.5) * wanted.angle_urad
-            functions[f"E{about}{letter}"] = smooth(rng, low, length, wanted.angle_urad / 2.0, tilt)
+            functions[f"E{about}{letter}"] = smooth(
+                rng, low, length, wanted.angle_urad / 2.0, tilt
+            )
     signs = rng.choice([-1.0, 1.0], size=3)
     squareness = {
         name: float(sign * wanted.squareness_urad)
         for name, sign in zip(SQUARENESS, signs, strict=True)
     }
-    return ErrorSet(low_mm=low_mm, size_mm=size_mm, functions=functions, squareness_urad=squareness)
+    return ErrorSet(
+        low_mm=low_mm, size_mm=size_mm, functions=functions, squareness_urad=squareness
+    )

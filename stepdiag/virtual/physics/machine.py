@@ -70,7 +70,8 @@ class Machine:
     def origin_mm(self) -> Array:
         """Return the point to which the errors refer, shape (3,)."""
         return np.array(
-            self.errors.low_mm if self.reference_mm is None else self.reference_mm, dtype=np.float64
+            self.errors.low_mm if self.reference_mm is None else self.reference_mm,
+            dtype=np.float64,
         )
 
     def pose(
@@ -87,16 +88,21 @@ class Machine:
         for the mean of both; ``time_s`` is machine time, a number or shape (N,).
         """
         commanded = np.atleast_2d(np.asarray(commanded_mm, dtype=np.float64))
-        signs = np.broadcast_to(np.zeros(3) if direction is None else direction, commanded.shape)
+        signs = np.broadcast_to(
+            np.zeros(3) if direction is None else direction, commanded.shape
+        )
         times = np.broadcast_to(np.asarray(time_s, dtype=np.float64), len(commanded))
         driven = commanded + sum(
-            (table.correction_mm(commanded, signs) for table in self.compensations), np.zeros(3)
+            (table.correction_mm(commanded, signs) for table in self.compensations),
+            np.zeros(3),
         )
         displacement = [
-            self._displacement_um(axis, driven[:, axis], signs[:, axis], times) for axis in range(3)
+            self._displacement_um(axis, driven[:, axis], signs[:, axis], times)
+            for axis in range(3)
         ]
         rotation = [
-            self.errors.rotation_urad(axis, driven[:, axis], signs[:, axis]) for axis in range(3)
+            self.errors.rotation_urad(axis, driven[:, axis], signs[:, axis])
+            for axis in range(3)
         ]
         frame = tool_pose(self.chain, driven - self.origin_mm, displacement, rotation, stand)
         tool = frame.moved(np.array(self.tool_offset_mm, dtype=np.float64))
@@ -117,7 +123,11 @@ class Machine:
         return displacement
 
     def error_at(
-        self, commanded_mm: Array, *, direction: Array | None = None, time_s: Array | float = 0.0
+        self,
+        commanded_mm: Array,
+        *,
+        direction: Array | None = None,
+        time_s: Array | float = 0.0,
     ) -> Array:
         """Return the true error of the tool relative to the work in um, actual minus commanded,
         shape (N, 3)."""
@@ -156,7 +166,9 @@ class Machine:
             return distance
         times = np.broadcast_to(np.asarray(time_s, dtype=np.float64), len(distance))
         indicated: Array = (
-            distance * self.environment.index(times, setup.wavelength_nm) / setup.assumed_index
+            distance
+            * self.environment.index(times, setup.wavelength_nm)
+            / setup.assumed_index
         )
         return indicated
 

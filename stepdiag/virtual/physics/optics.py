@@ -43,7 +43,8 @@ class Figure:
                 (-2, -2, 0, 0.3), (2, 2, 2 * np.pi, 1.0)
             )
             height += weight * np.sin(
-                np.pi / self.diameter_mm * (waves_across * across_mm + waves_up * up_mm) + phase
+                np.pi / self.diameter_mm * (waves_across * across_mm + waves_up * up_mm)
+                + phase
             )
             total += weight
         scaled: Array = height * (self.peak_um * 1e-3 / total)

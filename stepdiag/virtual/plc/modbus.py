@@ -54,7 +54,9 @@ def _execute(memory: Memory, function: int, data: bytes) -> bytes:
         return _counted(_pack_bits(memory.read(_BIT_TABLES[function], address, count)))
     if function in _REGISTER_TABLES:
         address, count = _range(data, 125)
-        return _counted(_pack_registers(memory.read(_REGISTER_TABLES[function], address, count)))
+        return _counted(
+            _pack_registers(memory.read(_REGISTER_TABLES[function], address, count))
+        )
     if function == 5:
         address, value = struct.unpack(">HH", data)
         memory.write("coil", address, [1 if value == 0xFF00 else 0])

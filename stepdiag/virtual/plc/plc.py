@@ -125,7 +125,9 @@ class Plc:
         )
         alarm = step.alarm or self._faults.active("plc-alarm", scanned_s) is not None
         state = (
-            _STOPPED * stopped | _RUNNING * (bool(step.setup) and not step.alarm) | _ALARM * alarm
+            _STOPPED * stopped
+            | _RUNNING * (bool(step.setup) and not step.alarm)
+            | _ALARM * alarm
         )
         if self._lag_s:
             machine_s -= self._lag_s * self._clock.scale
@@ -140,7 +142,9 @@ class Plc:
 
     def _shown_mm(self, segment: Segment, machine_s: float, scan: int) -> Array:
         """Return the values of the position registers in a scan, shape (3,)."""
-        done = self._drive.fraction(segment.distance_mm, np.array([machine_s - segment.start_s]))[0]
+        done = self._drive.fraction(
+            segment.distance_mm, np.array([machine_s - segment.start_s])
+        )[0]
         commanded_mm = segment.from_mm + done * (segment.to_mm - segment.from_mm)
         servo_um = segment.servo_um[0] + done * (segment.servo_um[1] - segment.servo_um[0])
         rng = np.random.default_rng((self._seed, scan))
@@ -162,7 +166,9 @@ class Plc:
         }
         broken = self._faults.active("plc-sensor", self._clock.wall_s())
         values = {
-            name: broken.value if broken and broken.text in ("", name) else float(course.at(now)[0])
+            name: broken.value
+            if broken and broken.text in ("", name)
+            else float(course.at(now)[0])
             for name, (course, _) in courses.items()
         }
         return [round(values[name] * scale) & 0xFFFF for name, (_, scale) in courses.items()]

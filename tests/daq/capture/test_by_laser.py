@@ -261,7 +261,10 @@ def telegram(index, readings):
     words = []
     for mm, edges in readings:
         whole = round(mm * 1e9) & (1 << 48) - 1
-        words += [whole & 0xFFFFFF | (edges & 0x7F) << 24, whole >> 24 | edges >> 7 << 24 | 1 << 31]
+        words += [
+            whole & 0xFFFFFF | (edges & 0x7F) << 24,
+            whole >> 24 | edges >> 7 << 24 | 1 << 31,
+        ]
     return struct.pack(f"<5i{len(words)}I", 16 + 4 * len(words), 4, 0x0F00, index, 0, *words)
 
 
@@ -355,7 +358,10 @@ def test_drawn_passes_with_one_fault_are_named_right(kind):
     and 1e-3 of the way."""
     rng = np.random.default_rng(7)
     for _ in range(DRAWS):
-        size, n = np.round(rng.uniform((200, 150, 80), (600, 400, 300))), int(rng.integers(2, 5))
+        size, n = (
+            np.round(rng.uniform((200, 150, 80), (600, 400, 300))),
+            int(rng.integers(2, 5)),
+        )
         text = SURVEY.replace("[300.0, 200.0, 100.0]", str(size.tolist()))
         text = text.replace("increments = 2", f"increments = {n}")
         nominal = Bench(text).out.nominal_mm

@@ -26,7 +26,9 @@ def run(events, *, text=None, start=None):
     """Return (stops, finding codes, ends) of a capture fed with events."""
     survey = parse_survey(text or survey_text(), "survey.toml")
     capture = Capture(survey, start or PassBook(survey).start(skip_open_dwell=False))
-    outcomes = [outcome for event in events for outcome in capture.feed(event)] + capture.finish()
+    outcomes = [
+        outcome for event in events for outcome in capture.feed(event)
+    ] + capture.finish()
     return (
         [each for each in outcomes if isinstance(each, CapturedStop)],
         [each.code for each in outcomes if isinstance(each, Finding)],
@@ -39,7 +41,8 @@ def assert_right(stops, truth, *, within_um=0.6):
     assert [stop.stop for stop in stops] == list(range(len(truth)))
     for stop, true in zip(stops, truth, strict=True):
         assert (
-            abs((stop.reading_mm - stops[0].reading_mm) - (true.reading - truth[0].reading)) * 1e3
+            abs((stop.reading_mm - stops[0].reading_mm) - (true.reading - truth[0].reading))
+            * 1e3
             < within_um
         )
         assert stop.position_mm == pytest.approx(true.position, abs=1e-4)
@@ -75,7 +78,8 @@ def test_a_clean_pass_is_captured_whole(seed, setup, signals):
     `stopped` alone as well."""
     truth = diagonal(setup, n=2)
     stops, codes, ends = run(
-        Timeline(truth, seed=seed).events(), text=survey_text(setups=(setup,), signals=signals, n=2)
+        Timeline(truth, seed=seed).events(),
+        text=survey_text(setups=(setup,), signals=signals, n=2),
     )
     assert_right(stops, truth)
     assert codes == (["signals-absent", "signals-absent"] if signals else [])
@@ -105,7 +109,9 @@ def test_the_result_does_not_depend_on_how_the_bytes_were_cut(seed, cuts):
     assert [(s.stop, s.window_from_ns, s.window_to_ns) for s in again] == [
         (s.stop, s.window_from_ns, s.window_to_ns) for s in whole
     ]
-    assert [s.reading_mm for s in again] == pytest.approx([s.reading_mm for s in whole], abs=1e-4)
+    assert [s.reading_mm for s in again] == pytest.approx(
+        [s.reading_mm for s in whole], abs=1e-4
+    )
 
 
 def babbled(timeline, moment):
@@ -128,7 +134,9 @@ def test_what_a_stream_remarks_is_said_within_a_second():
     survey = parse_survey(survey_text(), "survey.toml")
     capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
     timeline = Timeline(diagonal("ppp")[:1], lead_s=4.0)
-    said_s = next(arrival(event) * 1e-9 for event in babbled(timeline, 1.3) if capture.feed(event))
+    said_s = next(
+        arrival(event) * 1e-9 for event in babbled(timeline, 1.3) if capture.feed(event)
+    )
     assert 1.3 < said_s < 2.4
 
 
@@ -148,9 +156,16 @@ def test_what_a_stream_remarks_last_is_said_with_the_end():
     left_s = timeline.schedule()[-1][1] + 0.3
     capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
     outcomes = [
-        outcome for event in babbled(timeline, left_s - 0.02) for outcome in capture.feed(event)
+        outcome
+        for event in babbled(timeline, left_s - 0.02)
+        for outcome in capture.feed(event)
     ]
-    assert [type(outcome) for outcome in outcomes] == [CapturedStop, CapturedStop, Finding, Ended]
+    assert [type(outcome) for outcome in outcomes] == [
+        CapturedStop,
+        CapturedStop,
+        Finding,
+        Ended,
+    ]
 
 
 def test_what_a_stream_remarks_comes_before_what_was_lost_after_it():
@@ -259,7 +274,8 @@ def test_only_standing_samples_are_used():
 def test_a_stop_that_modbus_missed_is_recovered_and_marked(index, signals):
     truth = diagonal("npp")
     stops, codes, ends = run(
-        Timeline(skipped(truth, index)).events(), text=survey_text(setups=("npp",), signals=signals)
+        Timeline(skipped(truth, index)).events(),
+        text=survey_text(setups=("npp",), signals=signals),
     )
     assert_right(stops, truth)
     assert stops[index].recovered
@@ -273,7 +289,8 @@ def test_a_stop_that_nobody_saw_is_lost_by_name():
     """The machine drove past without standing: the counter went on, the laser shows no plateau."""
     truth = diagonal("ppp")
     hurried = [
-        replace(stop, seconds=0.02 if k == 4 else 0.8, shown=k != 4) for k, stop in enumerate(truth)
+        replace(stop, seconds=0.02 if k == 4 else 0.8, shown=k != 4)
+        for k, stop in enumerate(truth)
     ]
     stops, codes, _ = run(Timeline(hurried).events())
     assert [stop.stop for stop in stops] == [0, 1, 2, 3, 5, 6, 7, 8, 9]
@@ -349,7 +366,9 @@ def assert_joined(each, truth, *, within_um=0.6):
     assert sorted(chosen) == list(range(len(truth)))
     readings = [chosen[k].reading_mm for k in range(len(truth))]
     for k, true in enumerate(truth):
-        assert abs(readings[k] - readings[0] - true.reading + truth[0].reading) * 1e3 < within_um, k
+        assert (
+            abs(readings[k] - readings[0] - true.reading + truth[0].reading) * 1e3 < within_um
+        ), k
 
 
 def test_beam_lost_in_a_dwell_is_measured_on_both_sides_and_costs_nothing():
@@ -501,7 +520,9 @@ def test_a_stop_that_nothing_disturbs_passes_few_modules():
     for event in Timeline(diagonal("ppp")).events():
         passed = set()
         sys.setprofile(
-            lambda frame, what, _: passed.add(frame.f_code.co_filename) if what == "call" else None  # noqa: B023
+            lambda frame, what, _, passed=passed: (
+                passed.add(frame.f_code.co_filename) if what == "call" else None
+            )
         )
         try:
             outcomes = capture.feed(event)

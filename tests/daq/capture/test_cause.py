@@ -24,7 +24,12 @@ NAMED = (
     "diameter",
 )
 """What a pass shows."""
-SOLVED = ("air never", "expansion twice", "other diagonal", *(["air twice"] if exploring() else []))
+SOLVED = (
+    "air never",
+    "expansion twice",
+    "other diagonal",
+    *(["air twice"] if exploring() else []),
+)
 """What the whole survey shows. Air twice is the line of air never with the other sign."""
 
 
@@ -65,15 +70,17 @@ def test_one_wrong_line_is_named_once_and_corrected_without_driving_again(cause,
         for after, each in zip(found.after, found.findings, strict=True)
         if each.severity == "error"
     ]
-    assert [str(each.message.arguments["line"]).startswith(shop.line) for _, each in errors] == [
-        True
-    ]
+    assert [
+        str(each.message.arguments["line"]).startswith(shop.line) for _, each in errors
+    ] == [True]
     assert errors[0][0] <= 5
     corrected_in_place(shop, found, tmp_path)
 
 
 @pytest.mark.parametrize("cause", SOLVED)
-def test_what_the_survey_shows_is_named_before_a_file_is_written_and_corrected(cause, tmp_path):
+def test_what_the_survey_shows_is_named_before_a_file_is_written_and_corrected(
+    cause, tmp_path
+):
     """No table of the wrong file reaches a control; the tables of the corrected one leave a tenth
     of the machine's error."""
     shop = shop_of(cause, machine="stopped" if cause == "other diagonal" else "all")
@@ -103,7 +110,9 @@ def test_a_harmless_statement_has_no_cause(cause, machine, tmp_path):
     """Nothing is named, and nothing is held back for ever."""
     found = surveyed(shop_of(cause, machine=machine), tmp_path, files=False)
     assert not [
-        each for each in found.findings if each.severity != "info" and each.code != "signals-absent"
+        each
+        for each in found.findings
+        if each.severity != "info" and each.code != "signals-absent"
     ]
     assert found.passes == found.wanted
 
@@ -131,13 +140,18 @@ def test_a_box_that_shows_in_its_third_axis_alone_is_named(machine, tmp_path):
     )
     assert named[0][0] <= 5
     later = {each.code for each in found.findings if each.setup not in ("", "ppp")}
-    assert later <= {"no-signals", "signals-absent"}, "what the line explains is not raised again"
+    assert later <= {"no-signals", "signals-absent"}, (
+        "what the line explains is not raised again"
+    )
 
 
 def test_two_orders_of_axes_that_make_the_same_steps_are_named_together(tmp_path):
     """Y and Z make the same step, and no register shows which of them moves."""
     shop = replace(
-        shop_of("axis order", machine="stopped"), size=(280.0, 180.0, 180.0), order="zyx", back=True
+        shop_of("axis order", machine="stopped"),
+        size=(280.0, 180.0, 180.0),
+        order="zyx",
+        back=True,
     )
     found = surveyed(shop, tmp_path, files=False)
     values = [
@@ -213,7 +227,9 @@ def test_a_pressure_in_another_unit_is_named_with_its_scale(tmp_path):
         5,
     ),
 )
-def test_a_missing_first_stop_is_the_one_cause_of_its_pass(machine, back, again, setup, tmp_path):
+def test_a_missing_first_stop_is_the_one_cause_of_its_pass(
+    machine, back, again, setup, tmp_path
+):
     """The machine does not stand at the first stop. The steps are those of a program in the order
     YZX until the pass ends. The pass driven again, alone or with its way back, makes the survey
     whole."""
@@ -232,7 +248,9 @@ def test_a_missing_first_stop_is_the_one_cause_of_its_pass(machine, back, again,
 
 
 @pytest.mark.parametrize("back", spread([True, False], 2))
-def test_an_order_that_begins_like_a_missing_first_stop_is_named_without_signals(back, tmp_path):
+def test_an_order_that_begins_like_a_missing_first_stop_is_named_without_signals(
+    back, tmp_path
+):
     """The steps of YZX are those of XYZ from the second stop on; the seventh stop tells them
     apart."""
     shop = replace(shop_of("axis order", machine="none"), order="yzx", back=back)
@@ -247,7 +265,10 @@ def test_an_order_that_begins_like_a_missing_first_stop_is_named_without_signals
 @pytest.mark.parametrize("back", spread([True, False], 2))
 def test_a_missing_first_stop_without_signals_leaves_the_next_pass_whole(back, tmp_path):
     shop = replace(
-        shop_of("nothing"), machine="none", back=back, faults=(Fault("skipped", "ppp", 1, 0, 0),)
+        shop_of("nothing"),
+        machine="none",
+        back=back,
+        faults=(Fault("skipped", "ppp", 1, 0, 0),),
     )
     found = surveyed(shop, tmp_path, files=False)
     loud = [each for each in found.findings if each.code != "no-signals"]
@@ -276,7 +297,9 @@ LONGER_Z = replace(
 @pytest.mark.parametrize(
     ("shop", "line"), [(draw(244), "plc.signals.z_mm.offset"), (LONGER_Z, "volume.size_mm")]
 )
-def test_two_causes_that_fit_alike_are_separated_by_the_move_that_is_named(shop, line, tmp_path):
+def test_two_causes_that_fit_alike_are_separated_by_the_move_that_is_named(
+    shop, line, tmp_path
+):
     """A shifted Z may count the other way round, and a longer Z shortens the laser's steps along X
     and Y, until Z moves."""
     found = surveyed(shop, tmp_path, files=False)

@@ -197,9 +197,8 @@ OWN_AIR = {"ids3010": 3, "lasertex": 4}
 
 def of_laser(name, more="", *, source="laser", compensated=False):
     """Return a survey whose control tells of stops alone, and whose air the laser is to tell."""
-    laser = (
-        f'format = "{name}"\nport = "socket://laser:9090"\ncompensated = {str(compensated).lower()}'
-    )
+    laser = f'format = "{name}"\nport = "socket://laser:9090"\n'
+    laser += f"compensated = {str(compensated).lower()}"
     text = SMALLEST.replace('format = "umd"\nport = "/dev/ttyUSB0"', laser)
     return parse_survey(f'{text}\n{STOPPED}{more}[environment]\nsource = "{source}"\n', "s")
 
@@ -236,13 +235,19 @@ def test_what_the_control_tells_is_not_waited_for_from_the_laser():
 def test_conditions_that_nobody_measures_are_said():
     """Before, during and after the survey; a person who states them is believed, a compensated
     laser needs none."""
-    ((code, text),) = [(each.code, each.text) for each in assumed(of_laser("umd", source="plc"))]
+    ((code, text),) = [
+        (each.code, each.text) for each in assumed(of_laser("umd", source="plc"))
+    ]
     assert code == "air-unknown"
-    assert "air_temperature_c 20, air_pressure_hpa 1013.25, relative_humidity_percent 50" in text
+    assert (
+        "air_temperature_c 20, air_pressure_hpa 1013.25, relative_humidity_percent 50" in text
+    )
     (rest,) = assumed(of_laser("umd", source="plc"), ["air_pressure_hpa"])
     assert "pressure" not in rest.text
     assert "air_temperature_c 20" in rest.text
     assert assumed(of_laser("umd", source="fixed")) == ()
     assert assumed(of_laser("umd", source="plc", compensated=True)) == ()
     assert assumed(of_laser("ids3010")) == ()
-    assert [each.code for each in unchecked(of_laser("umd", source="plc"))][-1] == "air-unknown"
+    assert [each.code for each in unchecked(of_laser("umd", source="plc"))][
+        -1
+    ] == "air-unknown"

@@ -112,7 +112,9 @@ def test_a_run_is_captured_without_any_laser(signals):
         ["signals-absent", "signals-absent"] if signals else []
     )
     assert [end.kind for end in ends] == ["complete"]
-    assert all(stop.reading_mm is None and not stop.broken and not stop.doubts for stop in stops)
+    assert all(
+        stop.reading_mm is None and not stop.broken and not stop.doubts for stop in stops
+    )
 
 
 def test_a_laser_along_the_axis_gives_the_distance_and_judges_nothing():
@@ -138,7 +140,10 @@ def test_light_blocked_all_through_a_dwell_costs_the_stop_and_is_named():
     timeline = Timeline(stands())
     begin, end = timeline.schedule()[2]
     stops, findings, _ = run(
-        [*HeadLine(timeline, LATERAL, dark=[(begin - 0.1, end + 0.1)]).chunks(), *timeline.polls()],
+        [
+            *HeadLine(timeline, LATERAL, dark=[(begin - 0.1, end + 0.1)]).chunks(),
+            *timeline.polls(),
+        ],
         text(),
     )
     assert [stop.stop for stop in stops] == [0, 1, 3]
@@ -154,7 +159,8 @@ def test_light_blocked_between_the_stops_costs_nothing():
     timeline = Timeline(stands())
     gap = timeline.schedule()[1][1] + 0.1
     stops, findings, _ = run(
-        [*HeadLine(timeline, LATERAL, dark=[(gap, gap + 0.2)]).chunks(), *timeline.polls()], text()
+        [*HeadLine(timeline, LATERAL, dark=[(gap, gap + 0.2)]).chunks(), *timeline.polls()],
+        text(),
     )
     assert_right(stops)
     assert findings == []
@@ -204,7 +210,8 @@ def test_the_way_back_makes_the_second_pass():
     survey = parse_survey(text(back=True), "survey.toml")
     book = PassBook(survey)
     events = sorted(
-        [*HeadLine(timeline, [*LATERAL, *LATERAL[::-1]]).chunks(), *timeline.polls()], key=arrival
+        [*HeadLine(timeline, [*LATERAL, *LATERAL[::-1]]).chunks(), *timeline.polls()],
+        key=arrival,
     )
     capture = Capture(survey, book.start(skip_open_dwell=False))
     for event in events:
@@ -239,5 +246,6 @@ def test_with_the_handshake_a_stop_is_taken_while_the_machine_still_waits():
     ]
     assert_right([stop for _, stop in taken])
     assert all(
-        when < begin + 1.5 for (when, _), (begin, _) in zip(taken, timeline.schedule(), strict=True)
+        when < begin + 1.5
+        for (when, _), (begin, _) in zip(taken, timeline.schedule(), strict=True)
     )

@@ -59,7 +59,10 @@ def test_a_window_never_spans_a_hole(late_ms, after_ms, more_ms, to_ms):
     shows it."""
     buffer = stood_still(late_ms, after_ms, more_ms)
     dwell = Dwell(
-        from_ns=100 * MS, to_ns=round(to_ms * MS), not_before_ns=None, signals=Signals(stopped=True)
+        from_ns=100 * MS,
+        to_ns=round(to_ms * MS),
+        not_before_ns=None,
+        signals=Signals(stopped=True),
     )
     windows = certain_windows(buffer, dwell, RULES)
     assert 1 <= len(windows) <= 2
@@ -80,7 +83,9 @@ def test_of_a_plateau_shorter_than_twice_the_settling_half_is_taken():
     for end, position_mm in ((1000, -20.0), (1500, 0.0), (2500, 20.0)):
         for at in range(end - (500 if end == 1500 else 1000), end, 100):
             buffer.feed(samples(at, at + 100, position_mm), (at + 100) * MS)
-    taken = plateau_window(buffer, 0.0, 2500 * MS, 0.0, StopRules(settle_s=0.4, min_window_s=0.1))
+    taken = plateau_window(
+        buffer, 0.0, 2500 * MS, 0.0, StopRules(settle_s=0.4, min_window_s=0.1)
+    )
     assert taken is not None
     assert taken.window.mean_mm == 0.0
     whole_ns = 500 * MS - EDGE_NS

@@ -9,7 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
-from stepdiag.daq.formats.expressions import DEEPEST, MOST_CHARACTERS, Memory, parse_expression
+from stepdiag.daq.formats.expressions import (
+    DEEPEST,
+    MOST_CHARACTERS,
+    Memory,
+    parse_expression,
+)
 from stepdiag.daq.formats.signals import SignalDecoder, plan_reads
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.survey.file import parse_survey
@@ -113,10 +118,69 @@ class Read(dict):
 
 
 PIECES = (
-    *("a", "b", "n", "m", "x", "in", "None", "latch", "latch(n)", "and", "or", "not", "(", ")"),
-    *("==", "!=", "<", "<=", ">=", "-", "0", "07", "2.5", "1e5", "1j", "(n)", "=", ":=", "é", "\n"),
-    *("__import__", "eval", "lambda", "if", "else", "for", "await", "is", ".", "[0]", ",", "'a'"),
-    *("n.real", "a()", "{n}", "*", "**", "%", "@", "f'{n}'", "#", "\\", "yield", ";", "print"),
+    *(
+        "a",
+        "b",
+        "n",
+        "m",
+        "x",
+        "in",
+        "None",
+        "latch",
+        "latch(n)",
+        "and",
+        "or",
+        "not",
+        "(",
+        ")",
+    ),
+    *(
+        "==",
+        "!=",
+        "<",
+        "<=",
+        ">=",
+        "-",
+        "0",
+        "07",
+        "2.5",
+        "1e5",
+        "1j",
+        "(n)",
+        "=",
+        ":=",
+        "é",
+        "\n",
+    ),
+    *(
+        "__import__",
+        "eval",
+        "lambda",
+        "if",
+        "else",
+        "for",
+        "await",
+        "is",
+        ".",
+        "[0]",
+        ",",
+        "'a'",
+    ),
+    *(
+        "n.real",
+        "a()",
+        "{n}",
+        "*",
+        "**",
+        "%",
+        "@",
+        "f'{n}'",
+        "#",
+        "\\",
+        "yield",
+        ";",
+        "print",
+    ),
 )
 written = st.text(alphabet="abnm andornt()<>=!-0.5latch\"'\\", max_size=60) | st.lists(
     st.sampled_from(PIECES), max_size=9

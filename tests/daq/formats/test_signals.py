@@ -46,7 +46,9 @@ def value(spec: SignalSpec, data: bytes) -> float | None:
 def test_contract_block_is_one_request_and_reads_as_written() -> None:
     """contract.md 2: fourteen holding registers from 0, ABCD, 0.1 µm, 0.01 C, 0.1 hPa, 0.1 %."""
     assert plan_reads(CONTRACT_SIGNALS) == (ReadRange("holding", 0, 14),)
-    signals = SignalDecoder(CONTRACT_SIGNALS).decode(block(dict(CONTRACT_SIGNALS), CONTRACT_BLOCK))
+    signals = SignalDecoder(CONTRACT_SIGNALS).decode(
+        block(dict(CONTRACT_SIGNALS), CONTRACT_BLOCK)
+    )
     assert (signals.heartbeat, signals.stop_count, signals.setup) == (7, 42, 2)
     assert (signals.stopped, signals.running, signals.alarm) == (True, True, False)
     assert signals.commanded_mm == pytest.approx((500.0, -500.0, 0.0001))
@@ -100,7 +102,9 @@ def test_scale_and_offset() -> None:
 
 @pytest.mark.parametrize("place", range(17))
 def test_a_coil_is_found_in_its_byte(place: int) -> None:
-    decoder = SignalDecoder({"stopped": SignalSpec(table="coil", address=100 + place, type="bit")})
+    decoder = SignalDecoder(
+        {"stopped": SignalSpec(table="coil", address=100 + place, type="bit")}
+    )
     asked = (ReadRange("coil", 100, 24),)
     alone, beside = (
         (1 << place).to_bytes(3, "little"),
@@ -117,7 +121,11 @@ def test_bits_of_coils_registers_and_numbers() -> None:
         "running": SignalSpec(table="discrete", address=3, type="bit"),
         "alarm": SignalSpec(address=5),
     }
-    asked = (ReadRange("coil", 10, 10), ReadRange("discrete", 3, 1), ReadRange("holding", 5, 1))
+    asked = (
+        ReadRange("coil", 10, 10),
+        ReadRange("discrete", 3, 1),
+        ReadRange("holding", 5, 1),
+    )
     decoder = SignalDecoder(signals)
     on = decoder.decode(ModbusBlock(0, 1, asked, (b"\x00\x02", b"\x01", b"\x00\x05")))
     off = decoder.decode(ModbusBlock(0, 1, asked, (b"\xff\x01", b"\x00", b"\x00\x00")))
@@ -144,8 +152,15 @@ def test_requests_join_only_what_touches() -> None:
         "y_mm": SignalSpec(address=6, type="int32"),
         "z_mm": SignalSpec(table="input", address=5, type="int32"),
     }
-    ranges = (ReadRange("holding", 2, 3), ReadRange("holding", 6, 2), ReadRange("input", 5, 2))
-    assert plan_reads({name: spec for name, spec in signals.items() if name != "stopped"}) == ranges
+    ranges = (
+        ReadRange("holding", 2, 3),
+        ReadRange("holding", 6, 2),
+        ReadRange("input", 5, 2),
+    )
+    assert (
+        plan_reads({name: spec for name, spec in signals.items() if name != "stopped"})
+        == ranges
+    )
     assert plan_reads(signals) == (*ranges, ReadRange("holding", 2, 1))
 
 
@@ -156,7 +171,11 @@ def test_a_machine_that_leaves_between_two_requests_does_not_stand() -> None:
         "x_mm": SignalSpec(address=40, type="int32"),
         "stopped": SignalSpec(table="discrete", address=7, type="bit"),
     }
-    assert [asked.table for asked in plan_reads(signals)] == ["discrete", "holding", "discrete"]
+    assert [asked.table for asked in plan_reads(signals)] == [
+        "discrete",
+        "holding",
+        "discrete",
+    ]
     position = bytes.fromhex("00000064")
     decoder = SignalDecoder(signals)
     seen = [
@@ -182,13 +201,16 @@ def test_a_number_asked_for_twice_in_one_poll_is_the_first_that_came() -> None:
 
 def test_answer_of_another_length_is_refused() -> None:
     with pytest.raises(DataError, match=r"answer for holding 0: expected 28 bytes, found 26"):
-        SignalDecoder(CONTRACT_SIGNALS).decode(block(dict(CONTRACT_SIGNALS), CONTRACT_BLOCK[:26]))
+        SignalDecoder(CONTRACT_SIGNALS).decode(
+            block(dict(CONTRACT_SIGNALS), CONTRACT_BLOCK[:26])
+        )
 
 
 def test_block_of_another_map_is_refused_by_signal() -> None:
     foreign = ModbusBlock(0, 1, (ReadRange("holding", 0, 4),), (bytes(8),))
     with pytest.raises(
-        DataError, match=r"signal x_mm: expected a block that holds holding 4-5, found holding 0\+4"
+        DataError,
+        match=r"signal x_mm: expected a block that holds holding 4-5, found holding 0\+4",
     ):
         SignalDecoder(CONTRACT_SIGNALS).decode(foreign)
 
@@ -252,14 +274,20 @@ def test_in_a_data_block_and_in_a_tncs_memory_an_address_is_a_byte():
     decoded = SignalDecoder(s7).decode(
         ModbusBlock(0, 1, asked, (b"\x00\x0b", b"\x01" + struct.pack(">i", -123456)))
     )
-    assert (decoded.setup, decoded.stopped, decoded.x_mm) == (11, True, pytest.approx(-12.3456))
+    assert (decoded.setup, decoded.stopped, decoded.x_mm) == (
+        11,
+        True,
+        pytest.approx(-12.3456),
+    )
     tnc = {
         "stop_count": SignalSpec(table="B", address=284, type="int32", order="DCBA"),
         "stopped": SignalSpec(table="B", address=1026, type="bit", bit=2),
     }
     asked = plan_reads(tnc, ())
     assert asked == (ReadRange("B", 284, 4), ReadRange("B", 1026, 1))
-    decoded = SignalDecoder(tnc).decode(ModbusBlock(0, 1, asked, (b"\x01\x02\x00\x00", b"\x04")))
+    decoded = SignalDecoder(tnc).decode(
+        ModbusBlock(0, 1, asked, (b"\x01\x02\x00\x00", b"\x04"))
+    )
     assert (decoded.stop_count, decoded.stopped) == (513, True)
 
 
@@ -278,7 +306,9 @@ def test_what_the_machine_refused_is_known_by_name():
 
 @given(
     polls=st.lists(
-        st.dictionaries(st.integers(0, len(CONTRACT_BLOCK) - 1), st.integers(0, 255), max_size=4),
+        st.dictionaries(
+            st.integers(0, len(CONTRACT_BLOCK) - 1), st.integers(0, 255), max_size=4
+        ),
         min_size=2,
         max_size=6,
     ),

@@ -72,7 +72,10 @@ def test_a_table_of_readings_has_an_end() -> None:
 def test_a_refusal_repeats_no_megabytes() -> None:
     """What a foreign file has in place of a word is shown by its beginning."""
     refusal = UsageError(
-        "survey.toml: " + "w" * 10**6, expected="e" * 10**6, found="f" * 10**7, remedy="r" * 10**6
+        "survey.toml: " + "w" * 10**6,
+        expected="e" * 10**6,
+        found="f" * 10**7,
+        remedy="r" * 10**6,
     )
     assert len(str(refusal)) < 10_000
     assert "(10000000 characters)" in str(refusal)

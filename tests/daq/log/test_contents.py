@@ -111,7 +111,9 @@ def test_a_log_is_as_viewers_want_it(tmp_path: Path) -> None:
             )
 
 
-@pytest.mark.parametrize(("lines_per_chunk", "rate_hz"), [(1, 1000), (5, 1000), (600, 100_000)])
+@pytest.mark.parametrize(
+    ("lines_per_chunk", "rate_hz"), [(1, 1000), (5, 1000), (600, 100_000)]
+)
 def test_lines_of_an_interferometer_take_at_most_twelve_bytes(
     tmp_path: Path, lines_per_chunk: int, rate_hz: int
 ) -> None:
@@ -119,7 +121,9 @@ def test_lines_of_an_interferometer_take_at_most_twelve_bytes(
     recorder flushes (0.4 s)."""
     seconds = 12_000 / rate_hz
     events = recording(seconds, rate_hz, lines_per_chunk)
-    write_log(tmp_path / "a.mcap", events, flush_every=max(1, int(0.4 * len(events) / seconds)))
+    write_log(
+        tmp_path / "a.mcap", events, flush_every=max(1, int(0.4 * len(events) / seconds))
+    )
     assert (tmp_path / "a.mcap").stat().st_size / 12_000 < 12.0
 
 
@@ -240,7 +244,8 @@ def test_logs_of_others_and_of_the_future_are_refused(
 
 
 @pytest.mark.parametrize(
-    ("content", "found"), [(b"", "found nothing"), (b"setup,pass,stop\n", "not a valid MCAP file")]
+    ("content", "found"),
+    [(b"", "found nothing"), (b"setup,pass,stop\n", "not a valid MCAP file")],
 )
 def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, found: str) -> None:
     (tmp_path / "a.mcap").write_bytes(content)
@@ -250,7 +255,8 @@ def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, found: str) -
 
 def test_a_log_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        DataError, match=r"none\.mcap: expected a log of stepdiag \(MCAP\), found No such file"
+        DataError,
+        match=r"none\.mcap: expected a log of stepdiag \(MCAP\), found No such file",
     ):
         open_log(tmp_path / "none.mcap")
 
@@ -328,7 +334,9 @@ def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
 
 def test_other_compressions_are_not_ours(tmp_path: Path) -> None:
     _, end = read(
-        chunk_log(tmp_path / "a.mcap", json.dumps(GOOD).encode(), compression=CompressionType.LZ4)
+        chunk_log(
+            tmp_path / "a.mcap", json.dumps(GOOD).encode(), compression=CompressionType.LZ4
+        )
     )
     assert end.damage == message("log-impossible", field="chunk.compression", value="'lz4'")
 
@@ -385,7 +393,8 @@ def test_recovery_begins_again_where_it_was_killed(tmp_path: Path) -> None:
 
 def test_info_counts_what_is_there(tmp_path: Path) -> None:
     write_log(
-        tmp_path / "a.mcap", [*SHORT, LinkEvent(START_NS + 2 * 10**9, "laser", "lost", "unplugged")]
+        tmp_path / "a.mcap",
+        [*SHORT, LinkEvent(START_NS + 2 * 10**9, "laser", "lost", "unplugged")],
     )
     info = log_info(tmp_path / "a.mcap")
     assert info.stream_bytes == {

@@ -22,7 +22,14 @@ from stepdiag.daq.records.events import Chunk, LinkEvent
 from stepdiag.daq.records.status import LinkState
 from stepdiag.daq.survey.file import parse_survey
 from testkit.cli import stepdiag
-from testkit.recording import START_NS, WALL_OFFSET_NS, LogHeader, recording, with_notes, write_log
+from testkit.recording import (
+    START_NS,
+    WALL_OFFSET_NS,
+    LogHeader,
+    recording,
+    with_notes,
+    write_log,
+)
 
 SURVEY = """[survey]
 name = "s"
@@ -47,7 +54,9 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_every_sample_stands_at_its_own_time(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_sample_stands_at_its_own_time(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Evenly spaced though they come in fives with jitter, at the wall time of the log; the same
     where they are handed out in blocks."""
     (whole,) = decoded(open_log(log))
@@ -76,14 +85,20 @@ def test_a_laser_that_hangs_is_decoded_to_its_end(tmp_path: Path) -> None:
     )
     path, reads = tmp_path / "0001.mcap", 4_500
     events = [
-        Chunk("laser", START_NS + 10_000_000 * n + 90_000 * (n * 7919 % 11), b"123.45678\r\n" * 100)
+        Chunk(
+            "laser",
+            START_NS + 10_000_000 * n + 90_000 * (n * 7919 % 11),
+            b"123.45678\r\n" * 100,
+        )
         for n in range(reads)
     ]
     write_log(
         path,
         events,
         flush_every=40,
-        header=LogHeader(survey_text=survey, wall_offset_ns=WALL_OFFSET_NS, start_ns=START_NS),
+        header=LogHeader(
+            survey_text=survey, wall_offset_ns=WALL_OFFSET_NS, start_ns=START_NS
+        ),
     )
     assert 100 * reads > 5 * path.stat().st_size
     assert sum(len(block.position_mm) for block in decoded(open_log(path))) == 100 * reads
@@ -176,11 +191,15 @@ def test_every_form_holds_the_same_samples(log: Path, tmp_path: Path, kind: str)
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_what_cannot_be_decoded_is_refused_and_leaves_nothing(log: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_decoded_is_refused_and_leaves_nothing(
+    log: Path, tmp_path: Path
+) -> None:
     """A form or stream that is none, a file that is there, a head that the survey has not, a log
     without a sample."""
     empty = tmp_path / "0002.mcap"
-    write_log(empty, [], header=LogHeader(survey_text=SURVEY, wall_offset_ns=0, start_ns=START_NS))
+    write_log(
+        empty, [], header=LogHeader(survey_text=SURVEY, wall_offset_ns=0, start_ns=START_NS)
+    )
     there = tmp_path / "there.csv"
     there.write_text("mine", encoding="utf-8")
     for code, arguments in (
@@ -202,7 +221,9 @@ def test_what_cannot_be_decoded_is_refused_and_leaves_nothing(log: Path, tmp_pat
 def test_a_survey_that_is_not_read_any_more_is_replaced(log: Path, tmp_path: Path) -> None:
     old, instead = tmp_path / "0001.mcap", tmp_path / "instead.toml"
     header = LogHeader(
-        survey_text=SURVEY + "[of_old]\nkey = 1\n", wall_offset_ns=WALL_OFFSET_NS, start_ns=START_NS
+        survey_text=SURVEY + "[of_old]\nkey = 1\n",
+        wall_offset_ns=WALL_OFFSET_NS,
+        start_ns=START_NS,
     )
     write_log(old, recording(SECONDS, lines_per_chunk=5), header=header)
     instead.write_text(SURVEY, encoding="utf-8")

@@ -102,7 +102,9 @@ def test_a_captured_stop_is_synced_at_once(
     synced: list[int] = []
     monkeypatch.setattr("stepdiag.daq.log.recorder.FLUSH_S", 1e6)
     monkeypatch.setattr(
-        PartFile, "sync", lambda file: synced.append(open_log_messages(file.part)["/machine/stop"])
+        PartFile,
+        "sync",
+        lambda file: synced.append(open_log_messages(file.part)["/machine/stop"]),
     )
     bench.recorder.begin(tmp_path / "a.mcap", HEADER)
     bench.admit(EVENTS[:50])
@@ -111,7 +113,9 @@ def test_a_captured_stop_is_synced_at_once(
     wait_until(lambda: 1 in synced)
 
 
-def test_nobody_is_told_of_a_stop_before_it_is_in_the_file(bench: Bench, tmp_path: Path) -> None:
+def test_nobody_is_told_of_a_stop_before_it_is_in_the_file(
+    bench: Bench, tmp_path: Path
+) -> None:
     """What a person or the machine was told survives the death of the process, with the bytes that
     it was made of."""
     seen: list[Counter[str]] = []
@@ -159,9 +163,9 @@ def test_a_sync_that_fails_is_told(
     bench.admit(EVENTS[:50])
     bench.recorder.promise(STOP, lambda: None)
     wait_until(lambda: "blocked" in bench.states)
-    assert next(health for health in bench.said if health.state == "blocked").reason == message(
-        "os-io"
-    )
+    assert next(
+        health for health in bench.said if health.state == "blocked"
+    ).reason == message("os-io")
 
 
 def open_log_messages(path: Path) -> Counter[str]:
@@ -232,7 +236,8 @@ def test_a_full_disk_stops_the_recording_loudly_and_it_goes_on(tmp_path: Path) -
         readable = read(tmp_path / "a.mcap.part")
     wait_until(
         lambda: (
-            bench.recorder.health.state == "recording" and not bench.recorder.health.backlog_bytes
+            bench.recorder.health.state == "recording"
+            and not bench.recorder.health.backlog_bytes
         )
     )
     admitted += bench.admit(many[4000:4300])
@@ -350,7 +355,9 @@ def test_a_killed_process_loses_at_most_half_a_second(tmp_path: Path, seconds: f
         stamps = [int(line) for line in process.stdout.read().split(b"\n")[:-1]]
     kept = read(path.with_name("a.mcap.part"))
     assert isinstance(kept[-1], Chunk)
-    stood_still_ns = sum(max(0, later - earlier - 2_500_000) for earlier, later in pairwise(stamps))
+    stood_still_ns = sum(
+        max(0, later - earlier - 2_500_000) for earlier, later in pairwise(stamps)
+    )
     assert stamps[-1] - kept[-1].arrival_ns < 500_000_000 + stood_still_ns
 
 

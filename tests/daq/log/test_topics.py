@@ -76,7 +76,9 @@ NOTES = [
     finding_note(
         5,
         finding(
-            "warning", message("method-limited.runs", others=["ppp+1"]), Place(setup="ppp", stop=3)
+            "warning",
+            message("method-limited.runs", others=["ppp+1"]),
+            Place(setup="ppp", stop=3),
         ),
     ),
     log_note(6, "info", "words", "daq"),
@@ -135,7 +137,9 @@ def test_every_note_fits_the_schema_of_its_channel(note: Note) -> None:
 
 
 def test_a_captured_stop_goes_into_the_log_whole() -> None:
-    names = {field.encode_name for field in msgspec.structs.fields(CapturedStop)} - {"doubts"} | {
+    names = {field.encode_name for field in msgspec.structs.fields(CapturedStop)} - {
+        "doubts"
+    } | {
         "doubtful",
         "doubt_codes",
         "messages",
@@ -171,12 +175,19 @@ def test_the_scene_holds_box_route_and_stops_in_metres() -> None:
         VOLUME, np.array([(0.0, -10.0, 0.0), (500.0, 390.0, 300.0)]), [STOP, doubted]
     ).fields["entities"]
     box, route = entity["lines"]
-    assert (box["type"], len(box["points"]), route["type"], len(route["points"])) == (2, 24, 0, 2)
+    assert (box["type"], len(box["points"]), route["type"], len(route["points"])) == (
+        2,
+        24,
+        0,
+        2,
+    )
     assert [max(point[axis] for point in box["points"]) for axis in "xyz"] == [0.5, 0.39, 0.3]
     assert [one["pose"]["position"] for one in entity["spheres"]] == [
         {"x": 0.001, "y": 0.002, "z": 0.003},
         {"x": 0.5, "y": 0.39, "z": 0.3},
     ]
     assert entity["spheres"][0]["color"] != entity["spheres"][1]["color"]
-    long = scene_note(VOLUME, np.arange(6000.0).reshape(-1, 3), [STOP] * 2000).fields["entities"][0]
+    long = scene_note(VOLUME, np.arange(6000.0).reshape(-1, 3), [STOP] * 2000).fields[
+        "entities"
+    ][0]
     assert (len(long["lines"][1]["points"]), len(long["spheres"])) == (2, MOST_DRAWN)

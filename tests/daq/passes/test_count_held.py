@@ -53,14 +53,18 @@ def scattered(stops, rng, scatter_um):
     return made
 
 
-def driven(rng, *, cut=8, away_s=60.0, lost_um=0.0, scatter_um=0.1, counts=True, restart=False):
+def driven(
+    rng, *, cut=8, away_s=60.0, lost_um=0.0, scatter_um=0.1, counts=True, restart=False
+):
     """Return the stops out and back; before the stop ``cut`` of the way out nothing was recorded
     for a while."""
     time_s, count, made = 1.8e9, 12_345, []
     for outward in (True, False):
         stops = scattered(stops_of(n=INCREMENTS, outward=outward), rng, scatter_um)
         for stop in stops:
-            unwatched = "the recording was interrupted" if outward and stop.stop == cut else ""
+            unwatched = (
+                "the recording was interrupted" if outward and stop.stop == cut else ""
+            )
             passed_s = away_s if unwatched else DWELL_S
             time_s += passed_s
             count = (
@@ -140,11 +144,15 @@ def test_a_lost_count_above_what_is_the_same_is_never_proven_away():
 
 
 @pytest.mark.parametrize("restart", [True, False], ids=["switched on anew", "no number"])
-@given(cut=st.integers(1, 3 * INCREMENTS), away_s=st.floats(10.0, 40_000.0), seed=st.integers(0))
+@given(
+    cut=st.integers(1, 3 * INCREMENTS), away_s=st.floats(10.0, 40_000.0), seed=st.integers(0)
+)
 def test_without_a_number_that_ran_on_nothing_is_proven(restart, cut, away_s, seed):
     """Though both passes agree."""
     rng = np.random.default_rng(seed)
-    stops = driven(rng, cut=cut, away_s=away_s, scatter_um=0.0, counts=restart, restart=restart)
+    stops = driven(
+        rng, cut=cut, away_s=away_s, scatter_um=0.0, counts=restart, restart=restart
+    )
     passes, remarks = taken(stops)
     (doubt,) = passes.doubts()
     assert doubt.code == "laser-unwatched"
@@ -156,7 +164,9 @@ def test_both_passes_cut_at_the_same_step_prove_nothing():
     """Either may have lost what the other lost."""
     stops = driven(np.random.default_rng(1), scatter_um=0.0)
     back = 3 * INCREMENTS + 1 + 3 * INCREMENTS - 7
-    stops[back] = msgspec.structs.replace(stops[back], unwatched="no sample was seen for 9.0 s")
+    stops[back] = msgspec.structs.replace(
+        stops[back], unwatched="no sample was seen for 9.0 s"
+    )
     passes, remarks = taken(stops)
     assert [doubt.code for doubt in passes.doubts()] == ["laser-unwatched"] * 2
     assert not remarks

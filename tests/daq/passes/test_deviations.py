@@ -44,7 +44,9 @@ def test_the_way_back_shows_the_backlash_over_the_stops_of_the_way_out() -> None
     assert [one.place for one in out] == list(range(10))
     assert [one.place for one in back] == list(range(9, -1, -1))
     assert [one.deviation_um for one in out] == pytest.approx([0.0] * 10, abs=1e-6)
-    assert [one.deviation_um for one in back] == pytest.approx([-1e3 * BACKLASH_MM] * 10, abs=1e-6)
+    assert [one.deviation_um for one in back] == pytest.approx(
+        [-1e3 * BACKLASH_MM] * 10, abs=1e-6
+    )
 
 
 def test_a_way_back_on_another_count_is_hung_onto_the_far_end() -> None:
@@ -96,7 +98,9 @@ def test_a_mended_pass_shows_the_tilt_and_the_deviations_of_one_zero(
     book = PassBook(SURVEY)
     book.add_all([*tilted[:overlap], lost, *again])
     (only,) = book.passes
-    assert mirror_tilt_mrad(route, list(only.chosen().values())) == pytest.approx(tilt, abs=1e-6)
+    assert mirror_tilt_mrad(route, list(only.chosen().values())) == pytest.approx(
+        tilt, abs=1e-6
+    )
     assert [one.deviation_um for one in RecentStops().of(SURVEY, book)] == pytest.approx(
         [0.0] * 10, abs=0.1
     )

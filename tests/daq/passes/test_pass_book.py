@@ -116,7 +116,9 @@ def test_a_stop_measured_again_ends_the_doubt(zero, overlap):
     passes.add_all(
         [
             *first[:5],
-            unwatched(msgspec.structs.replace(first[5], reading_mm=first[5].reading_mm + zero)),
+            unwatched(
+                msgspec.structs.replace(first[5], reading_mm=first[5].reading_mm + zero)
+            ),
             *second,
         ]
     )
@@ -135,7 +137,9 @@ def test_a_refused_stop_carries_its_break_on(why):
     same."""
     passes = book()
     first, second = stops_of(only=range(5)), stops_of(only=range(5, 10))
-    second[0] = msgspec.structs.replace(second[0], refused="wrong-axis-order", **{why: "something"})
+    second[0] = msgspec.structs.replace(
+        second[0], refused="wrong-axis-order", **{why: "something"}
+    )
     passes.add_all([*first, *second])
     (only,) = passes.passes
     assert only.missing == ([5] if why == "unwatched" else [5, 6, 7, 8, 9])
@@ -157,7 +161,9 @@ def test_the_journal_hears_reading_and_deviation_of_every_stop():
 
 
 @pytest.mark.parametrize("stop", [None, 4])
-def test_what_the_solver_suspects_keeps_its_pass_open_until_it_is_driven_again_or_accepted(stop):
+def test_what_the_solver_suspects_keeps_its_pass_open_until_it_is_driven_again_or_accepted(
+    stop,
+):
     """Words in words wherever a doubt is, whether it names a stop or the pass as a whole."""
     passes = book()
     passes.add_all(stops_of())
@@ -176,7 +182,8 @@ def test_what_the_solver_suspects_keeps_its_pass_open_until_it_is_driven_again_o
     assert not passes.complete()
     assert passes.whole()
     assert (
-        str(only.why_incomplete()) == "contradicts the others: drive the pass again, or accept it"
+        str(only.why_incomplete())
+        == "contradicts the others: drive the pass again, or accept it"
     )
     passes.accept(acceptance_of(doubt, reason="known", name="Kim", time_s=1.0))
     assert passes.complete()

@@ -40,7 +40,9 @@ def driven(folder, signals, faults, *, again):
     for _ in range(1 + again):
         program.drive("ppp")
     folder.mkdir()
-    session, _ = recorded(folder, survey_file(signals=signals, setups=("ppp",)), program.events())
+    session, _ = recorded(
+        folder, survey_file(signals=signals, setups=("ppp",)), program.events()
+    )
     return session.book.passes[0], simulate_pass(
         machine, Box(size_mm=BOX_MM, increments=2), "ppp", 1, alignment=MIRROR
     )
@@ -52,7 +54,9 @@ MIRROR = Alignment(mirror_mrad=(0.3, -0.2))
 def off_um(each, truth):
     """Return by how much the readings in use are off at the worst stop, counted from the first."""
     read = np.array([stop.reading_mm for stop in each.chosen().values()])
-    return float(np.max(np.abs(read - read[0] - (truth.reading_mm - truth.reading_mm[0])))) * 1e3
+    return (
+        float(np.max(np.abs(read - read[0] - (truth.reading_mm - truth.reading_mm[0])))) * 1e3
+    )
 
 
 @pytest.mark.parametrize(("kind", "value", "signals"), FAULTS)
@@ -61,9 +65,9 @@ def test_what_the_words_say_is_the_end_of_it(tmp_path, kind, value, signals):
     first, _ = driven(tmp_path / "once", signals, (fault,), again=False)
     words = str(first.why_incomplete())
     assert words
-    assert re.search(r"drive (again from stop \d|the whole pass again|the pass again)", words), (
-        words
-    )
+    assert re.search(
+        r"drive (again from stop \d|the whole pass again|the pass again)", words
+    ), words
     whole, truth = driven(tmp_path / "whole", signals, (fault,), again=True)
     assert whole.complete, whole.why_incomplete()
     assert off_um(whole, truth) < 0.5

@@ -34,14 +34,19 @@ def table(*parts):
 def test_the_way_back_keeps_the_zero_of_the_way_out():
     readings = table(stops_of(), back())
     assert set(readings.zero.tolist()) == {1}
-    outward, returned = (readings.reading_mm[readings.pass_number == number] for number in (1, 2))
+    outward, returned = (
+        readings.reading_mm[readings.pass_number == number] for number in (1, 2)
+    )
     assert outward[0] == 0.0
     assert returned[::-1] - outward == pytest.approx(-BACKLASH_MM)
 
 
 def test_a_lost_count_starts_a_zero_of_its_own():
     readings = table(stops_of(), back(lost_mm=4.2, broken="beam lost"))
-    numbers = readings.zero[readings.pass_number == 1], readings.zero[readings.pass_number == 2]
+    numbers = (
+        readings.zero[readings.pass_number == 1],
+        readings.zero[readings.pass_number == 2],
+    )
     assert [set(number.tolist()) for number in numbers] == [{1}, {2}]
     assert readings.reading_mm[readings.pass_number == 2][0] == 0.0
 
@@ -60,7 +65,9 @@ def test_a_count_lost_and_joined_within_the_outward_pass_reaches_back_to_its_fir
     again[0] = msgspec.structs.replace(again[0], broken="beam lost")
     readings = table(begun, again, back(lost_mm=3.0))
     assert set(readings.zero.tolist()) == {1}
-    outward, returned = (readings.reading_mm[readings.pass_number == number] for number in (1, 2))
+    outward, returned = (
+        readings.reading_mm[readings.pass_number == number] for number in (1, 2)
+    )
     assert returned[::-1] - outward == pytest.approx(-BACKLASH_MM)
 
 

@@ -64,9 +64,12 @@ def test_what_is_joined_by_a_doubtful_stop_alone_is_doubted_with_it():
         for stop in stops_of(only=[5])
     ]
     lost = [
-        msgspec.structs.replace(stop, broken="beam lost") for stop in stops_of(only=[5], zero=3.3)
+        msgspec.structs.replace(stop, broken="beam lost")
+        for stop in stops_of(only=[5], zero=3.3)
     ]
-    passes = book_of(stops_of(only=range(5)), off, lost, stops_of(only=range(6, 10), zero=3.3))
+    passes = book_of(
+        stops_of(only=range(5)), off, lost, stops_of(only=range(6, 10), zero=3.3)
+    )
     (only,) = passes.passes
     assert {(each.stop, each.code) for each in passes.doubts()} == {(5, "stop-doubtful")}
     assert all(only.doubt(stop) == "dwell longer" for stop in range(5, 10))
@@ -107,11 +110,13 @@ def test_a_slip_between_out_and_back_is_named_and_leaves_with_its_pass(size_um):
     ]
     back = stops_of(outward=False, zero=size_um * 1e-3 + 0.012)
     passes = book_of(slipped, back, back=True)
-    named = [(each.pass_number, each.stop) for each in passes.doubts() if each.code == "count-slip"]
+    named = [
+        (each.pass_number, each.stop) for each in passes.doubts() if each.code == "count-slip"
+    ]
     assert (1, 4) in named
-    assert next(each.size_um for each in passes.doubts() if each.pass_number == 1) == pytest.approx(
-        size_um, abs=0.01
-    )
+    assert next(
+        each.size_um for each in passes.doubts() if each.pass_number == 1
+    ) == pytest.approx(size_um, abs=0.01)
     passes.add_all(stops_of(zero=size_um * 1e-3))
     assert not passes.doubts()
 
@@ -122,11 +127,18 @@ def test_what_a_machine_does_is_no_slip():
     rng = np.random.default_rng(3)
     place = np.arange(31)
     smooth = [
-        rng.normal(0, 5) + rng.normal(0, 3) * place / 31 + np.sin(place / 31 * rng.uniform(1, 6))
+        rng.normal(0, 5)
+        + rng.normal(0, 3) * place / 31
+        + np.sin(place / 31 * rng.uniform(1, 6))
         for _ in range(200)
     ]
     found = [
-        step_in(each + rng.normal(0, 0.42, 31), np.full(31, 0.05), "xyz" * 10, np.full(30, 3**-0.5))
+        step_in(
+            each + rng.normal(0, 0.42, 31),
+            np.full(31, 0.05),
+            "xyz" * 10,
+            np.full(30, 3**-0.5),
+        )
         for each in smooth
     ]
     assert sum(each is not None for each in found) <= 2
@@ -165,10 +177,15 @@ def test_how_a_good_or_ordinary_machine_repeats_is_no_slip(size_mm, n, repeatabi
     """On a long machine one axis brings all the scatter: at most one pair of passes in a hundred is
     named (62 of all steps)."""
     rng, share = np.random.default_rng(n), np.array(size_mm) / np.linalg.norm(size_mm)
-    pairs = [[approaches_um(rng, share, n, repeatability_um) for _ in range(2)] for _ in range(200)]
+    pairs = [
+        [approaches_um(rng, share, n, repeatability_um) for _ in range(2)] for _ in range(200)
+    ]
     u_um, of_steps = np.full(3 * n + 1, 0.14), np.tile(share, n)
     assert (
-        sum(step_in(one - other, u_um, "xyz" * n, of_steps) is not None for one, other in pairs)
+        sum(
+            step_in(one - other, u_um, "xyz" * n, of_steps) is not None
+            for one, other in pairs
+        )
         <= 2
     )
 

@@ -30,7 +30,10 @@ def book_of(stops, text=UNCOMPENSATED):
 
 def error(**place):
     return Finding(
-        code="too-many-outliers", severity="error", text="the stops contradict each other", **place
+        code="too-many-outliers",
+        severity="error",
+        text="the stops contradict each other",
+        **place,
     )
 
 
@@ -41,10 +44,14 @@ def test_an_error_that_names_no_setup_keeps_every_pass_open():
         ("ppp/1", "too-many-outliers")
     ]
     assert not passes.complete()
-    assert [each.severity for each in settled_findings(passes, [error()], stated={})] == ["error"]
+    assert [each.severity for each in settled_findings(passes, [error()], stated={})] == [
+        "error"
+    ]
     passes.accept(acceptance_of(passes.doubts()[0], reason="seen", name="me", time_s=0.0))
     assert passes.complete()
-    assert [each.severity for each in settled_findings(passes, [error()], stated={})] == ["warning"]
+    assert [each.severity for each in settled_findings(passes, [error()], stated={})] == [
+        "warning"
+    ]
 
 
 def test_an_error_that_names_the_passes_among_which_the_data_do_not_tell_keeps_those_alone_open():
@@ -57,7 +64,9 @@ def test_an_error_that_names_the_passes_among_which_the_data_do_not_tell_keeps_t
     passes.suspect(suspected(passes, [found]))
     assert [doubt.place for doubt in passes.doubts()] == ["npp/1", "pnp/1"]
     assert found.as_json()["among"] == ["npp/1", "pnp/1"]
-    assert {each.severity for each in settled_findings(passes, [found], stated={})} == {"error"}
+    assert {each.severity for each in settled_findings(passes, [found], stated={})} == {
+        "error"
+    }
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -139,7 +148,9 @@ def test_a_held_value_is_in_the_budget_with_its_age():
     assert (held.name, held.stops) == ("air_pressure_hpa", 1)
     assert held.u == pytest.approx(7.0 / 3**0.5)
     usual, survey = Assumptions(), parse_survey(UNCOMPENSATED, "s")
-    assert with_held(usual, survey, [held]).index_setup == pytest.approx(0.27e-6 * held.u, rel=0.02)
+    assert with_held(usual, survey, [held]).index_setup == pytest.approx(
+        0.27e-6 * held.u, rel=0.02
+    )
     assert with_held(usual, parse_survey(survey_text(), "s"), [held]) == usual, (
         "a laser that puts its air right itself"
     )
@@ -161,7 +172,9 @@ def test_air_that_nobody_told_is_assumed_aloud():
     (found,) = assumed_findings(survey, len(stops), [one])
     assert (found.code, found.severity) == ("air-unknown", "warning")
     assert "stops. 1013.25 hPa of [environment] is assumed, u = 4 hPa" in found.text
-    assert in_words(found, "de").startswith("Luftdruck: an 10 von 10 Messpunkten nicht gemeldet")
+    assert in_words(found, "de").startswith(
+        "Luftdruck: an 10 von 10 Messpunkten nicht gemeldet"
+    )
     usual = Assumptions()
     assert with_held(usual, survey, [one]).index > 1e-6 > usual.index
     assert assumed_conditions(passes, survey, {"air_pressure_hpa": 1010.0}) == ()

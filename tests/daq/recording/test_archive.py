@@ -36,7 +36,12 @@ def read(log):
 
 def test_a_packed_log_is_smaller_and_says_the_same(tmp_path):
     log = finished_round(tmp_path, 1) / "0001.mcap"
-    before, said, stamp, size = read(log), digest(log), log.stat().st_mtime_ns, log.stat().st_size
+    before, said, stamp, size = (
+        read(log),
+        digest(log),
+        log.stat().st_mtime_ns,
+        log.stat().st_size,
+    )
     assert pack(log) == size - log.stat().st_size > 0.1 * size
     assert (read(log), digest(log), log.stat().st_mtime_ns) == (before, said, stamp)
     assert [path.name for path in log.parent.iterdir() if path.name.startswith("0001")] == [

@@ -35,7 +35,8 @@ def test_a_change_costs_what_it_must(what):
     assert before in TEXT
     text = TEXT.replace(before, after, 1)
     found = changes(
-        parse_survey(TEXT, "a"), parse_survey(text, "b") if what != "targets" else _without(TEXT)
+        parse_survey(TEXT, "a"),
+        parse_survey(text, "b") if what != "targets" else _without(TEXT),
     )
     assert found
     assert any(each.begins_round for each in found) is (what in DRIVEN)
@@ -67,6 +68,8 @@ def test_the_recorder_goes_on_with_the_round_and_the_passes_of_the_corrected_fil
     assert latest_round(folder, right, {}).stops == begun.stops
     assert len(corrections_in(folder / "0001")) == 1
     assert (
-        latest_round(folder, right.replace("increments = 2", "increments = 3"), {}).folder.name
+        latest_round(
+            folder, right.replace("increments = 2", "increments = 3"), {}
+        ).folder.name
         == "0002"
     )

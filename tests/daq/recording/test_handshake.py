@@ -8,7 +8,9 @@ SECOND = 1_000_000_000
 
 
 def at(count, **more):
-    return Signals(**{"stopped": True, "running": True, "setup": 1, "stop_count": count, **more})
+    return Signals(
+        **{"stopped": True, "running": True, "setup": 1, "stop_count": count, **more}
+    )
 
 
 class Machine:

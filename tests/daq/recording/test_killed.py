@@ -23,7 +23,9 @@ TAKEN_S = 0.45
 """So long after the machine has left, a stop is in the log whatever happens."""
 WINDOW_S = 0.53
 """A machine that stands for so long once the next daemon listens stands long enough."""
-DRIVEN = [(setup, number, stop) for setup in SETUPS for number in (1, 2) for stop in range(STOPS)]
+DRIVEN = [
+    (setup, number, stop) for setup in SETUPS for number in (1, 2) for stop in range(STOPS)
+]
 
 
 class Bench:
@@ -47,7 +49,9 @@ class Bench:
         stood at none."""
         middle_s = (stop.window_from_ns + stop.window_to_ns) * 0.5e-9
         at = bisect.bisect([begin for begin, _ in self.stands], middle_s) - 1
-        longer_s = 1.0 if at == len(self.stands) - 1 else 0.1  # nothing moves after the last one
+        longer_s = (
+            1.0 if at == len(self.stands) - 1 else 0.1
+        )  # nothing moves after the last one
         return at if at >= 0 and middle_s <= self.stands[at][1] + longer_s else None
 
 
@@ -113,7 +117,11 @@ def assert_true(bench, passes):
                 each.number - 1,
                 STOPS - 1,
             )  # the return pass may begin with the stop before
-            assert turn or (setup, number % 2, driven) == (each.route.setup, each.number % 2, index)
+            assert turn or (setup, number % 2, driven) == (
+                each.route.setup,
+                each.number % 2,
+                index,
+            )
 
 
 @pytest.mark.parametrize("pause_s", [0.0, 2.0], ids=["at-once", "later"])
@@ -132,7 +140,10 @@ def test_what_is_whole_after_a_kill_was_driven_so_and_only_what_nobody_saw_is_mi
     for survey, moment_s, first in killed(tmp_path, text, at_s):
         from_s = moment_s + pause_s
         second, _ = gone_on(
-            survey, text, first, [each for each in bench.events if time_of(each) * 1e-9 > from_s]
+            survey,
+            text,
+            first,
+            [each for each in bench.events if time_of(each) * 1e-9 > from_s],
         )
         assert_true(bench, second.book.passes)
         if signals:
@@ -147,7 +158,9 @@ def test_what_is_whole_after_a_kill_was_driven_so_and_only_what_nobody_saw_is_mi
 
 
 @pytest.mark.parametrize("signals", ["", COUNTED], ids=["all", "counted"])
-def test_with_the_handshake_a_kill_costs_nothing_and_no_machine_waits_in_vain(tmp_path, signals):
+def test_with_the_handshake_a_kill_costs_nothing_and_no_machine_waits_in_vain(
+    tmp_path, signals
+):
     """It stands at its stop until somebody tells it, and goes on then."""
     text = survey_file(back=True, setups=SETUPS, signals=signals) + HANDSHAKE
     for survey, moment_s, first in killed(tmp_path, text, moments(6, seed=2)):
@@ -155,14 +168,17 @@ def test_with_the_handshake_a_kill_costs_nothing_and_no_machine_waits_in_vain(tm
         from_s = moment_s + 1.0
         waiting = Bench(at, max(0.0, from_s - max(moment_s, plain().stands[at][0])) + 0.6)
         second, before = gone_on(
-            survey, text, first, [each for each in waiting.events if time_of(each) * 1e-9 > from_s]
+            survey,
+            text,
+            first,
+            [each for each in waiting.events if time_of(each) * 1e-9 > from_s],
         )
         told = {
             second.owed,
             *(stop.stop_count for stop in second.as_round(Verdicts()).stops[before:]),
         }
         assert set(waiting.counts[at:]) <= told, moment_s
-        assert [(each.route.setup, each.number, each.whole) for each in second.book.passes] == [
-            (setup, number, True) for setup in SETUPS for number in (1, 2)
-        ]
+        assert [
+            (each.route.setup, each.number, each.whole) for each in second.book.passes
+        ] == [(setup, number, True) for setup in SETUPS for number in (1, 2)]
         assert_true(waiting, second.book.passes)

@@ -14,7 +14,8 @@ S = 1_000_000_000
 def said(listening, data, from_s, seconds):
     """Return what is said while a line brings this ten times a second."""
     chunks = [
-        Chunk("laser", int((from_s + each / 10) * S), data) for each in range(int(10 * seconds))
+        Chunk("laser", int((from_s + each / 10) * S), data)
+        for each in range(int(10 * seconds))
     ]
     return [(found.code, found.text) for chunk in chunks for found in listening.take(chunk)]
 
@@ -70,9 +71,9 @@ def test_noise_at_opening_does_not_accuse_the_instrument_that_gets_power_an_hour
 
 def test_nonsense_seldom_sent_is_named():
     ears = listening()
-    assert [code for at in range(0, 600, 60) for code, _ in said(ears, NONSENSE, at, 0.2)] == [
-        "bytes-garbled"
-    ]
+    assert [
+        code for at in range(0, 600, 60) for code, _ in said(ears, NONSENSE, at, 0.2)
+    ] == ["bytes-garbled"]
 
 
 def test_a_senseless_flood_is_no_longer_decoded_whole_once_it_is_named(monkeypatch):

@@ -79,8 +79,12 @@ def test_a_machine_that_still_stands_at_the_end_of_a_pass_begins_none(tmp_path, 
     begun = latest_round(tmp_path, text, {})
     second, errors = gone_on(text, begun, rest)
     assert errors == []
-    passes = [(setup, number, True) for setup in SETUPS for number in ((1, 2) if back else (1,))]
-    assert [(each.route.setup, each.number, each.whole) for each in second.book.passes] == passes
+    passes = [
+        (setup, number, True) for setup in SETUPS for number in ((1, 2) if back else (1,))
+    ]
+    assert [
+        (each.route.setup, each.number, each.whole) for each in second.book.passes
+    ] == passes
     assert second.owed == begun.stops[-1].stop_count
 
 
@@ -103,7 +107,9 @@ def test_a_machine_that_still_stands_at_the_end_of_a_survey_begins_no_other(tmp_
     assert second.book.stops == 7
 
 
-def test_the_first_stop_of_another_setup_is_taken_although_the_pass_before_was_left_open(tmp_path):
+def test_the_first_stop_of_another_setup_is_taken_although_the_pass_before_was_left_open(
+    tmp_path,
+):
     """The program went on without a pause: the machine stood at that stop until somebody aborted
     it."""
     text = survey_file(setups=SETUPS) + HANDSHAKE
@@ -117,7 +123,9 @@ def test_the_first_stop_of_another_setup_is_taken_although_the_pass_before_was_l
     program.stops, program.spans = stops[: waits + 1], []
     stops[waits].seconds = 6.0
     events = list(program.events())
-    standing = [event for event in events if time_of(event) < time_of(events[-1]) - 2_000_000_000]
+    standing = [
+        event for event in events if time_of(event) < time_of(events[-1]) - 2_000_000_000
+    ]
     session, _ = gone_on(text, Round(tmp_path / "0001", {}), standing)
     assert [(each.route.setup, sorted(each.chosen())) for each in session.book.passes] == [
         ("ppp", [0, 1, 2, 3]),
@@ -125,7 +133,9 @@ def test_the_first_stop_of_another_setup_is_taken_although_the_pass_before_was_l
     ]
 
 
-def test_a_counter_that_is_stuck_costs_no_stop_where_the_next_daemon_finds_the_machine(tmp_path):
+def test_a_counter_that_is_stuck_costs_no_stop_where_the_next_daemon_finds_the_machine(
+    tmp_path,
+):
     """It shows what it showed at the end of the pass before, and the machine stands elsewhere: that
     is no stop taken already."""
     text = survey_file(setups=SETUPS)
@@ -133,7 +143,9 @@ def test_a_counter_that_is_stuck_costs_no_stop_where_the_next_daemon_finds_the_m
     for setup in SETUPS:
         program.drive(setup)
     first = next(
-        at for at, each in enumerate(program.stops) if each.setup == NUMBERS["npp"] and each.counts
+        at
+        for at, each in enumerate(program.stops)
+        if each.setup == NUMBERS["npp"] and each.counts
     )
     program.stops[first].seconds = 2.0
     for stop in program.stops:
@@ -149,12 +161,16 @@ def test_a_counter_that_is_stuck_costs_no_stop_where_the_next_daemon_finds_the_m
     ]
 
 
-@pytest.mark.parametrize("port", ["/dev/null", "/dev/ttyUSB1"], ids=["as-before", "other-port"])
+@pytest.mark.parametrize(
+    "port", ["/dev/null", "/dev/ttyUSB1"], ids=["as-before", "other-port"]
+)
 @pytest.mark.parametrize("solved", [False, True], ids=["open", "solved"])
 def test_a_survey_goes_on_with_further_setups_and_the_logs_that_exist(tmp_path, solved, port):
     """One with a result stays as it is: what goes on is a new round with the same logs, at
     whatever port the laser is by now."""
-    first, rest = cut(tmp_path / "0001", survey_file(setups=("ppp",)) + HANDSHAKE, driven(), 3)
+    first, rest = cut(
+        tmp_path / "0001", survey_file(setups=("ppp",)) + HANDSHAKE, driven(), 3
+    )
     first.close("died")
     if solved:
         (tmp_path / "0001" / RESULT).write_text("{}")

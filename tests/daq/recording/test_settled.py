@@ -30,7 +30,12 @@ def doubted_and_left():
         counts=0,
     )
     program._stand(
-        end.position, end.reading - program.count_mm, setup=0, seconds=GONE_S, shown=False, counts=0
+        end.position,
+        end.reading - program.count_mm,
+        setup=0,
+        seconds=GONE_S,
+        shown=False,
+        counts=0,
     )
     return list(program.events())
 
@@ -41,7 +46,9 @@ def test_a_survey_whose_last_doubt_is_accepted_over_an_empty_open_log_is_complet
     text = survey_file(setups=("ppp",))
     more = {"on_outcome": lambda _: None, "wall_offset_ns": lambda: WALL_OFFSET_NS}
     session, settled = (
-        Session(parse_survey(text, "survey.toml"), text, Round(tmp_path, {}), Nowhere(), **more),
+        Session(
+            parse_survey(text, "survey.toml"), text, Round(tmp_path, {}), Nowhere(), **more
+        ),
         Settled(),
     )
     settled.know(session)

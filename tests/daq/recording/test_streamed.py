@@ -65,16 +65,17 @@ def series_of(levels_mm, rate_hz, *, noise_um=0.1, seed=1):
         move = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, int(0.8 * rate_hz)))
         parts += [here + (level - here) * move, np.full(int(DWELL_S * rate_hz), level)]
         here = level
-    position = np.concatenate([np.full(int(rate_hz), 0.0), *parts, np.full(int(rate_hz), here)])
+    position = np.concatenate(
+        [np.full(int(rate_hz), 0.0), *parts, np.full(int(rate_hz), here)]
+    )
     return position + rng.normal(0, noise_um * 1e-3, len(position))
 
 
 def rtx(position, rate_hz):
     """Return a file as the public reader of the format reads it."""
     header = "HEADER::\r\nFile Type: Dynamic\r\nOwner: CARTO-Dynamic\r\nVelocity: 0\r\n"
-    header += (
-        f"Sample rate: {rate_hz}\r\nActual sample rate: {rate_hz}\r\nFlags: 0 1 2 0 2\r\nData:\r\n"
-    )
+    header += f"Sample rate: {rate_hz}\r\nActual sample rate: {rate_hz}\r\n"
+    header += "Flags: 0 1 2 0 2\r\nData:\r\n"
     return header.encode() + struct.pack(f"<{len(position)}d", *position) + b"EOF::\r\n"
 
 
@@ -102,7 +103,8 @@ def streamed(tmp_path_factory):
             position = series_of(levels(setup), RATE_HZ, seed=index)
             file = folder / f"{setup}.csv"
             rows = "".join(
-                f"{count / RATE_HZ:.6f},{value * 1e3:.4f}\n" for count, value in enumerate(position)
+                f"{count / RATE_HZ:.6f},{value * 1e3:.4f}\n"
+                for count, value in enumerate(position)
             )
             file.write_text("time_s,position\n" + rows, encoding="utf-8")
             unit = "um"
@@ -137,14 +139,20 @@ def test_every_stop_of_the_survey_is_the_exact_machines(streamed, tmp_path):
     for key, rows in readings.passes().items():
         exact = passes_of(key.setup)[key.number - 1]
         off = readings.reading_mm[rows] - exact
-        assert np.abs(off - off[0]).max() < 1e-4, key  # 0.1 um of noise over 200 samples and more
+        assert np.abs(off - off[0]).max() < 1e-4, (
+            key
+        )  # 0.1 um of noise over 200 samples and more
 
 
 def test_a_series_of_another_setup_is_refused_and_places_no_stop(tmp_path):
     survey = tmp_path / "survey.toml"
     survey.write_text(SURVEY, encoding="utf-8")
-    (tmp_path / "a.rtx").write_bytes(rtx(series_of(levels("linear-x"), RATE_HZ) * 1e3, RATE_HZ))
-    code, _, refusal = stepdiag("stream", survey, "linear-y", tmp_path / "a.rtx", "--unit", "um")
+    (tmp_path / "a.rtx").write_bytes(
+        rtx(series_of(levels("linear-x"), RATE_HZ) * 1e3, RATE_HZ)
+    )
+    code, _, refusal = stepdiag(
+        "stream", survey, "linear-y", tmp_path / "a.rtx", "--unit", "um"
+    )
     assert code == 3
     assert "linear-y" in refusal
 
@@ -156,7 +164,9 @@ def test_a_series_of_another_setup_is_refused_and_places_no_stop(tmp_path):
         ("(?P<position>-?[0-9.]+)", "x(?P<position>.+)", "laser.line.pattern"),
     ],
 )
-def test_a_survey_of_another_laser_is_refused_with_what_to_write(tmp_path, before, after, words):
+def test_a_survey_of_another_laser_is_refused_with_what_to_write(
+    tmp_path, before, after, words
+):
     survey = tmp_path / "survey.toml"
     survey.write_text(SURVEY.replace(before, after), encoding="utf-8")
     (tmp_path / "a.rtx").write_bytes(rtx(np.zeros(10), RATE_HZ))
@@ -183,7 +193,8 @@ def test_a_cut_rtx_file_is_refused(cut):
 
 
 @pytest.mark.parametrize(
-    "rows", ["0,1\n0.1,2\n0.3,3\n0.4,3\n", "0,1\n0,2\n", "0.2,1\n0.1,2\n", "0,1\n0.1,x\n", "0,1\n"]
+    "rows",
+    ["0,1\n0.1,2\n0.3,3\n0.4,3\n", "0,1\n0,2\n", "0.2,1\n0.1,2\n", "0,1\n0.1,x\n", "0,1\n"],
 )
 def test_a_csv_series_with_a_gap_or_without_numbers_is_refused(rows):
     with pytest.raises(DataError):

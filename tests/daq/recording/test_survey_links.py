@@ -40,7 +40,9 @@ def nobody():
 
 
 def connected(event):
-    return isinstance(event, LinkEvent) and event.link == "laser" and event.state == "connected"
+    return (
+        isinstance(event, LinkEvent) and event.link == "laser" and event.state == "connected"
+    )
 
 
 def lost(event):
@@ -56,13 +58,16 @@ def test_a_loss_is_told_after_the_bytes_that_came_before_it(pty, monkeypatch):
         wait_until(lambda: any(map(connected, events)))
         for line in said:
             pty.write(line)
-        wait_until(lambda: b"".join(chunk.data for chunk in [*links._arrived]) == b"".join(said))
+        wait_until(
+            lambda: b"".join(chunk.data for chunk in [*links._arrived]) == b"".join(said)
+        )
         pty.close()
         wait_until(lambda: any(map(lost, events)))
 
     async def run():
         links = SurveyLinks(
-            parse_survey(SURVEY.format(laser=pty.name, plc=nobody()), "survey.toml"), events.append
+            parse_survey(SURVEY.format(laser=pty.name, plc=nobody()), "survey.toml"),
+            events.append,
         )
         task = asyncio.create_task(links.run())
         await asyncio.to_thread(pulled, links)

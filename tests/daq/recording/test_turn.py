@@ -43,7 +43,9 @@ class TurningRound(Program):
         return range(1, count) if number == 2 else None
 
     def _pass(self, setup, driven, number, how):
-        position = simulate_pass(self.machine, self.box, driven, number, alignment=how).position_mm
+        position = simulate_pass(
+            self.machine, self.box, driven, number, alignment=how
+        ).position_mm
         stands = self.stands(len(position), number)
         if stands is None:
             super()._pass(setup, driven, number, how)
@@ -53,7 +55,9 @@ class TurningRound(Program):
         for here in position[list(stands)]:
             side = np.where(here != last, np.sign(here - last), side)
             read = self.machine.indicated_mm(
-                aligned_setup(self.machine, self.box, driven, how), here[None], direction=side[None]
+                aligned_setup(self.machine, self.box, driven, how),
+                here[None],
+                direction=side[None],
             )
             self._stand(here, read[0], setup=NUMBERS[setup])
             last = here
@@ -80,7 +84,10 @@ def measured(folder, *, program=Program, signals="", setups=SETUPS, faults=()):
     for setup in setups:
         drive.drive(setup)
     session, found = recorded(
-        folder, survey_file(back=True, setups=setups, signals=signals), drive.events(), Nowhere()
+        folder,
+        survey_file(back=True, setups=setups, signals=signals),
+        drive.events(),
+        Nowhere(),
     )
     return session, {each.code for each in found if each.severity != "info"}
 
@@ -162,7 +169,11 @@ def test_what_is_driven_again_without_an_overrun_is_doubted_until_every_axis_has
     session, _ = measured(tmp_path, program=GoingBack, setups=("ppp",), signals=signals)
     out = session.book.passes[0]
     assert out.whole
-    assert [doubt.stop for doubt in out.open_doubts() if doubt.code == "other-side"] == [1, 2, 3]
+    assert [doubt.stop for doubt in out.open_doubts() if doubt.code == "other-side"] == [
+        1,
+        2,
+        3,
+    ]
 
 
 def test_the_turn_joins_no_counts_and_says_its_side_whatever_becomes_of_the_way_out(tmp_path):
@@ -188,7 +199,9 @@ def test_the_turn_joins_no_counts_and_says_its_side_whatever_becomes_of_the_way_
         ]
     )
     readings = tabulate(session.survey, book.passes)
-    assert len(set(readings.zero.tolist())) == 2, "what was driven again has a zero of its own"
+    assert len(set(readings.zero.tolist())) == 2, (
+        "what was driven again has a zero of its own"
+    )
     assert "reading-differs" not in {each.code for each in book.news()}
     kept = tabulate(session.survey, session.book.passes[1:])
     assert kept.turned.tolist() == [True, *[False] * (len(back) - 1)]

@@ -97,7 +97,9 @@ def of_the_other_direction(each):
         (3, TURN + 3, 2, STANDING_S),
     ],
 )
-def test_a_stop_of_the_way_back_in_the_way_out_is_doubted(tmp_path, seen, back_at, again, comes_s):
+def test_a_stop_of_the_way_back_in_the_way_out_is_doubted(
+    tmp_path, seen, back_at, again, comes_s
+):
     """Its backlash is in the reading; place and step alone are those of the way out."""
     (one,) = [
         each
@@ -105,7 +107,9 @@ def test_a_stop_of_the_way_back_in_the_way_out_is_doubted(tmp_path, seen, back_a
         if each.whole
     ]
     assert (wrong := of_the_other_direction(one)), "the bench drives it so that one enters"
-    assert set(wrong) <= {doubt.stop for doubt in one.open_doubts() if doubt.code == "other-side"}
+    assert set(wrong) <= {
+        doubt.stop for doubt in one.open_doubts() if doubt.code == "other-side"
+    }
 
 
 @pytest.mark.parametrize("seen", [1, 3])
@@ -116,14 +120,18 @@ def test_driven_again_from_the_first_stop_the_pass_is_whole_and_undoubted(tmp_pa
     assert not of_the_other_direction(one)
 
 
-def test_a_survey_there_and_back_that_nobody_disturbs_has_no_stop_from_the_other_side(tmp_path):
+def test_a_survey_there_and_back_that_nobody_disturbs_has_no_stop_from_the_other_side(
+    tmp_path,
+):
     text = survey_file(back=True, n=STOPS - 1, setups=("linear-x",), signals=PLACED)
     more = {"on_outcome": lambda _: None, "wall_offset_ns": lambda: WALL_OFFSET_NS}
     session = Session(
         parse_survey(text, "survey.toml"), text, Round(tmp_path, {}), Nowhere(), **more
     )
     follow(session, 0.0, bench()[1][END][1] + 0.6)
-    assert [(each.number, each.whole, each.open_doubts()) for each in session.book.passes] == [
+    assert [
+        (each.number, each.whole, each.open_doubts()) for each in session.book.passes
+    ] == [
         (1, True, ()),
         (2, True, ()),
     ]

@@ -11,7 +11,9 @@ from stepdiag.daq.records.status import Severity
 from stepdiag.daq.service.child_jobs import Commands, Finisher
 from stepdiag.daq.service.metrics import Tally
 
-WRITE = "import sys, pathlib; pathlib.Path(sys.argv[2], 'result.json').write_text(sys.argv[1])"
+WRITE = (
+    "import sys, pathlib; pathlib.Path(sys.argv[2], 'result.json').write_text(sys.argv[1])"
+)
 
 
 @pytest.mark.parametrize("severity", ["info", "warning", "error", None])

@@ -27,7 +27,11 @@ def test_one_processor_is_left_alone_by_every_thread():
     """numpy starts threads of its own as soon as it is loaded; on a box of two processors they
     would take both."""
     done = subprocess.run(
-        [sys.executable, "-c", STANDS_BACK], capture_output=True, text=True, timeout=120, check=True
+        [sys.executable, "-c", STANDS_BACK],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
     )
     niceness, *processors = map(int, done.stdout.split())
     assert niceness == min(os.nice(0) + GIVE_WAY, LAST)

@@ -45,7 +45,8 @@ def everything() -> list:
 def listed(driven: PassBook, running: str = "") -> list[tuple[str, int, int, int, bool]]:
     drives = to_drive(SURVEY, driven, running)
     return [
-        (each.setup, each.pass_number, each.from_stop, each.stops, each.again) for each in drives
+        (each.setup, each.pass_number, each.from_stop, each.stops, each.again)
+        for each in drives
     ]
 
 
@@ -70,7 +71,9 @@ def test_the_first_pass_of_a_setup_that_does_not_stand_has_the_setting_up() -> N
     first, second, *_ = to_drive(SURVEY, book())
     assert first.minutes > second.minutes + SETTING_UP_MIN
     half = book(stops_of("ppp", only=range(4)))
-    assert to_drive(SURVEY, half)[0].minutes < SETTING_UP_MIN < to_drive(SURVEY, half)[2].minutes
+    assert (
+        to_drive(SURVEY, half)[0].minutes < SETTING_UP_MIN < to_drive(SURVEY, half)[2].minutes
+    )
     lost = [
         msgspec.structs.replace(stop, broken="beam lost") if stop.stop == 5 else stop
         for stop in stops_of("ppp")
@@ -89,10 +92,14 @@ def test_the_first_pass_of_a_setup_that_does_not_stand_has_the_setting_up() -> N
     ],
     ids=["measured", "one interruption", "nothing but interruptions"],
 )
-def test_setting_up_takes_as_long_as_the_log_shows(waits_min, diagonal_min, shift_min) -> None:
+def test_setting_up_takes_as_long_as_the_log_shows(
+    waits_min, diagonal_min, shift_min
+) -> None:
     """From the last stop before to the first after; what was left overnight is none of it."""
     stops, time_s = [], 0.0
-    for setup, wait_min in zip(("ppp", "npp", "npp+1", "pnp"), (0.0, *waits_min), strict=True):
+    for setup, wait_min in zip(
+        ("ppp", "npp", "npp+1", "pnp"), (0.0, *waits_min), strict=True
+    ):
         time_s += 60.0 * wait_min
         for stop in captured.stops_of("npp" if "+" in setup else setup):
             stops.append(msgspec.structs.replace(stop, setup=setup, time_s=time_s))
@@ -120,7 +127,9 @@ def test_the_time_left_counts_setting_up_as_it_went(took_min) -> None:
             msgspec.structs.replace(stop, time_s=stop.time_s + 60.0 * minute)
             for stop in captured.stops_of(setup, outward=outward)
         )
-    assert sum(each.minutes for each in to_drive(plan, driven)) == pytest.approx(took_min, abs=1.0)
+    assert sum(each.minutes for each in to_drive(plan, driven)) == pytest.approx(
+        took_min, abs=1.0
+    )
 
 
 def test_a_pass_that_runs_goes_on_where_it_is() -> None:
@@ -141,14 +150,19 @@ def test_whole_setups_that_the_solver_blames_are_still_to_be_driven() -> None:
     driven = book(*everything())
     assert (progress(driven), minutes(driven), listed(driven)) == ((40, 40), 0.0, [])
     found = Finding(
-        code="contradiction", severity="error", text="ppp contradicts npp", setup="ppp", stop=None
+        code="contradiction",
+        severity="error",
+        text="ppp contradicts npp",
+        setup="ppp",
+        stop=None,
     )
     driven.suspect(suspected(driven, [found]))
     assert listed(driven) == [("ppp", 1, 0, 10, True), ("ppp", 2, 0, 10, True)]
     assert progress(driven) == (20, 40)
     assert minutes(driven) > SETTING_UP_MIN
     driven.add_all(
-        msgspec.structs.replace(stop, window_from_ns=1000 + stop.stop) for stop in stops_of("ppp")
+        msgspec.structs.replace(stop, window_from_ns=1000 + stop.stop)
+        for stop in stops_of("ppp")
     )
     assert listed(driven, "ppp") == [("ppp", 2, 0, 10, True)]
     assert minutes(driven) < SETTING_UP_MIN
@@ -166,7 +180,8 @@ FAULTS = {
 
 @given(
     faults=st.lists(
-        st.tuples(st.integers(0, 3), st.integers(1, 9), st.sampled_from(sorted(FAULTS))), max_size=4
+        st.tuples(st.integers(0, 3), st.integers(1, 9), st.sampled_from(sorted(FAULTS))),
+        max_size=4,
     ),
     passes=st.integers(0, 4),
 )
@@ -179,7 +194,9 @@ def test_progress_and_time_end_with_the_survey_and_not_before(faults, passes) ->
             parts[at][stop] = FAULTS[kind](parts[at][stop])
     driven = book(*parts)
     drives, (done, wanted) = to_drive(SURVEY, driven), progress(driven)
-    assert bool(drives) == (not driven.complete()) == (done < wanted) == (minutes(driven) > 0.0)
+    assert (
+        bool(drives) == (not driven.complete()) == (done < wanted) == (minutes(driven) > 0.0)
+    )
     assert {(each.setup, each.pass_number) for each in drives} == {
         (setup, number) for setup in ("ppp", "npp") for number in driven.open_passes(setup)
     }

@@ -42,7 +42,9 @@ PLANS = st.builds(
     ),
     st.integers(1, 5),
     st.booleans(),
-    st.lists(st.tuples(st.sampled_from(["ppp", "ppn"]), st.sampled_from([40.0, -0.5])), max_size=3),
+    st.lists(
+        st.tuples(st.sampled_from(["ppp", "ppn"]), st.sampled_from([40.0, -0.5])), max_size=3
+    ),
 )
 
 
@@ -89,6 +91,8 @@ FACES = with_plan(BARE, Plan(setups=("ppp", "face-xy-pp", "linear-x")), "survey.
         ({"setups": ("ppp", "face-xy-pp", "linear-x", "linear-y"), "repeats": 2}, False),
     ],
 )
-def test_logs_go_on_with_further_setups_alone(changes: dict[str, object], goes_on: bool) -> None:
+def test_logs_go_on_with_further_setups_alone(
+    changes: dict[str, object], goes_on: bool
+) -> None:
     plan = msgspec.structs.replace(parse_survey(FACES, "survey.toml").plan, **changes)
     assert extends(with_plan(FACES, plan, "survey.toml"), FACES) is goes_on

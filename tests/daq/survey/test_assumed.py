@@ -24,7 +24,9 @@ def test_a_stated_size_takes_the_place_of_that_of_the_class(machine, feedback, s
         *(f"{name} = {size!r}" for name, size in stated.items()),
     ]
     found = asdict(parse_uncertainty("[uncertainty]\n" + "\n".join(lines) + "\n", "u.toml"))
-    assert {name: found[name] for name in usual_sizes()} == usual_sizes(machine, feedback) | stated
+    assert {name: found[name] for name in usual_sizes()} == usual_sizes(
+        machine, feedback
+    ) | stated
 
 
 def test_a_section_without_sizes_is_an_ordinary_machine_with_screws():
@@ -46,7 +48,12 @@ def test_the_template_shows_the_sizes_of_its_class():
 
 @pytest.mark.parametrize(
     "line",
-    ['machine_class = "excellent"', 'feedback = "encoder"', "pitch_mm = 0", "growth_um_m = -1"],
+    [
+        'machine_class = "excellent"',
+        'feedback = "encoder"',
+        "pitch_mm = 0",
+        "growth_um_m = -1",
+    ],
 )
 def test_a_class_or_size_that_does_not_exist_is_refused(line):
     with pytest.raises(UsageError, match=line.split(" ", maxsplit=1)[0]):
@@ -54,9 +61,9 @@ def test_a_class_or_size_that_does_not_exist_is_refused(line):
 
 
 def test_without_certificates_the_assumed_index_stands():
-    assert parse_uncertainty("[uncertainty]\nindex_ppm = 0.4\n", "u.toml").index == pytest.approx(
-        4e-7
-    )
+    assert parse_uncertainty(
+        "[uncertainty]\nindex_ppm = 0.4\n", "u.toml"
+    ).index == pytest.approx(4e-7)
 
 
 def test_sensors_take_the_place_of_the_assumed_index():

@@ -9,7 +9,13 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.readings.runs import run_stops_mm
 from stepdiag.base.volume import in_step
 from stepdiag.completion.foreseen import hidden_waves
-from stepdiag.daq.survey.composed import Answers, MachineClass, begun, composed, increments_for
+from stepdiag.daq.survey.composed import (
+    Answers,
+    MachineClass,
+    begun,
+    composed,
+    increments_for,
+)
 from stepdiag.daq.survey.controls import CONTROLS
 from stepdiag.daq.survey.file import parse_survey
 
@@ -45,7 +51,11 @@ def test_every_answer_that_can_be_given_is_read_back(machine, size, control, for
     if control != "none":
         assert survey.plc.port == (port or None)
     assert survey.environment.source == (
-        "laser" if form in ("ids3010", "lasertex") else "plc" if control == "modbus" else "fixed"
+        "laser"
+        if form in ("ids3010", "lasertex")
+        else "plc"
+        if control == "modbus"
+        else "fixed"
     )
     assert survey.laser.baud == (3_000_000 if form == "lasertex" else 115200)
 
@@ -88,7 +98,11 @@ def test_a_class_of_machine_reaches_both_files(name, feedback):
     )
     for text in (begun(usual, "s.toml"), composed(answers, "s.toml")):
         section = parse_survey(text, "s.toml").uncertainty
-        assert (section.machine_class, section.feedback, section.pitch_mm) == (name, feedback, 16.0)
+        assert (section.machine_class, section.feedback, section.pitch_mm) == (
+            name,
+            feedback,
+            16.0,
+        )
         assert section.angles_urad is None
 
 
@@ -112,12 +126,16 @@ def test_a_new_survey_alternates_its_orders_and_has_fine_irregular_runs():
 
 
 @given(st.tuples(*[st.integers(40, 3000)] * 3), st.sampled_from([5.0, 8.0, 10.0, 16.0, 20.0]))
-def test_the_increments_offered_are_whole_micrometres_and_in_step_with_no_screw(size, pitch_mm):
+def test_the_increments_offered_are_whole_micrometres_and_in_step_with_no_screw(
+    size, pitch_mm
+):
     offered = increments_for(size, pitch_mm)
     others = [
         n
         for n in range(8, 21)
-        if all(round(edge_mm / n, 3) == pytest.approx(edge_mm / n, abs=1e-9) for edge_mm in size)
+        if all(
+            round(edge_mm / n, 3) == pytest.approx(edge_mm / n, abs=1e-9) for edge_mm in size
+        )
     ]
     assert others == [] or offered in others
     screws = {n: sum(in_step(edge_mm / n, pitch_mm) for edge_mm in size) for n in others}

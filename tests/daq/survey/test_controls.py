@@ -21,7 +21,9 @@ TNC = '[plc]\ntransport = "lsv2"\n'
 
 @pytest.mark.parametrize("name", CONTROLS)
 def test_a_shipped_section_is_accepted_and_tells_where_the_machine_stands(name):
-    plc = parse_survey(f"{SMALLEST}\n[plc]\n{control_section(name, 'mill.example.org')}", "s").plc
+    plc = parse_survey(
+        f"{SMALLEST}\n[plc]\n{control_section(name, 'mill.example.org')}", "s"
+    ).plc
     assert plc.host == "mill.example.org"
     assert {"stopped", "stop_count", "setup"} <= set(plc.signal_names)
     assert plc.tcp_port == {"tcp": 502, "s7": 102, "lsv2": 19000}[plc.transport]
@@ -33,7 +35,9 @@ def test_a_poll_asks_for_few_ranges(name, reads):
     """An S7 answers all in one telegram; a TNC is asked for what tells of standing first, and again
     at the end."""
     plc = parse_survey(f"{SMALLEST}\n[plc]\n{control_section(name, 'h')}", "s").plc
-    assert len(plan_reads(plc.signals, () if plc.transport == "s7" else plc.standing)) == reads
+    assert (
+        len(plan_reads(plc.signals, () if plc.transport == "s7" else plc.standing)) == reads
+    )
 
 
 @pytest.mark.parametrize("name", ["siemens-828d", "heidenhain"])
@@ -51,7 +55,10 @@ def test_the_guide_shows_what_is_shipped(name):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (S7, "plc.signals: expected the words of the program and the axes' exact stop, found []"),
+        (
+            S7,
+            "plc.signals: expected the words of the program and the axes' exact stop, found []",
+        ),
         (
             S7 + "[plc.signals.stopped]\naddress = 1",
             'expected a data block, such as "db4900", over S7, found "holding"',
@@ -95,8 +102,11 @@ def test_what_a_protocol_cannot_do_is_refused_by_field(text, message):
 
 def test_what_does_not_fit_into_one_telegram_is_refused():
     """Two polls of one machine are two moments."""
-    scattered = "".join(f'[plc.inputs.i{n}]\ntable = "db{n}"\naddress = 0\n' for n in range(1, 25))
+    scattered = "".join(
+        f'[plc.inputs.i{n}]\ntable = "db{n}"\naddress = 0\n' for n in range(1, 25)
+    )
     with pytest.raises(UsageError, match="one telegram of 240 bytes can request and carry"):
         parse_survey(
-            f'{SMALLEST}\n{S7}[plc.signals.stopped]\ntable = "db99"\naddress = 0\n{scattered}', "s"
+            f'{SMALLEST}\n{S7}[plc.signals.stopped]\ntable = "db99"\naddress = 0\n{scattered}',
+            "s",
         )

@@ -116,8 +116,14 @@ def test_sections_reach_their_places(tmp_path: Path) -> None:
             '[plc]\npoll_hz = "fast"',
             'survey.toml: plc.poll_hz: expected a number above 0, found "fast"',
         ),
-        ("[plc]\npoll_hz = 0", "survey.toml: plc.poll_hz: expected a number above 0, found 0"),
-        ("[plc]\npoll_hz = 5000", "survey.toml: plc.poll_hz: expected at most 1000, found 5000.0"),
+        (
+            "[plc]\npoll_hz = 0",
+            "survey.toml: plc.poll_hz: expected a number above 0, found 0",
+        ),
+        (
+            "[plc]\npoll_hz = 5000",
+            "survey.toml: plc.poll_hz: expected at most 1000, found 5000.0",
+        ),
         (
             "[plc]\nport = 70000",
             "survey.toml: plc.port: expected a whole number from 1 to 65535, found 70000",
@@ -142,7 +148,10 @@ def test_sections_reach_their_places(tmp_path: Path) -> None:
                 'FXYZ, found "FXY"'
             ),
         ),
-        ("[[plan]]\nrepeats = 2", 'survey.toml: plan: expected a table, found [{"repeats": 2}]'),
+        (
+            "[[plan]]\nrepeats = 2",
+            'survey.toml: plan: expected a table, found [{"repeats": 2}]',
+        ),
         ('[plan]\nsetups = "ppp"', 'plan.setups: expected a list, each a text, found "ppp"'),
         (
             '[plan]\nsetups = ["ppp", "ppp"]',
@@ -230,7 +239,9 @@ def test_a_wrong_field_is_named_with_what_was_expected(text: str, message: str) 
         (STOPPED + "adress = 3\n", "plc.signals.stopped.adress"),
     ],
 )
-def test_an_unknown_key_is_refused_with_the_nearest_known_one(text: str, message: str) -> None:
+def test_an_unknown_key_is_refused_with_the_nearest_known_one(
+    text: str, message: str
+) -> None:
     assert message in refusal(text)
 
 
@@ -319,7 +330,11 @@ type = "bit"
 """
     )
     signals = parse_survey(SMALLEST + text, "survey.toml").plc.signals
-    asked = (ReadRange("holding", 9, 2), ReadRange("holding", 30, 1), ReadRange("discrete", 7, 1))
+    asked = (
+        ReadRange("holding", 9, 2),
+        ReadRange("holding", 30, 1),
+        ReadRange("discrete", 7, 1),
+    )
     block = ModbusBlock(0, 1, asked, (bytes.fromhex("00004130"), b"\x00\x05", b"\x01"))
     found = SignalDecoder(
         {name: signals[name] for name in ("setup", "stop_count", "heartbeat")}
@@ -383,7 +398,8 @@ def test_a_name_cannot_leave_its_folder(name: str) -> None:
 def test_files_that_are_named_must_exist(tmp_path: Path) -> None:
     path = tmp_path / "survey.toml"
     path.write_text(
-        SMALLEST + '[[export]]\ncontroller = "siemens"\nprofile = "p.toml"\n', encoding="utf-8"
+        SMALLEST + '[[export]]\ncontroller = "siemens"\nprofile = "p.toml"\n',
+        encoding="utf-8",
     )
     with pytest.raises(
         UsageError,
@@ -412,7 +428,9 @@ def test_wire_time_of_ten_registers() -> None:
         name: msgspec.structs.replace(spec, address=index)
         for index, (name, spec) in enumerate(list(CONTRACT_SIGNALS.items())[:10])
     }
-    narrow = {name: msgspec.structs.replace(spec, type="uint16") for name, spec in signals.items()}
+    narrow = {
+        name: msgspec.structs.replace(spec, type="uint16") for name, spec in signals.items()
+    }
     assert rtu_poll_s(narrow, 19200) * 1e3 == pytest.approx(22.9, abs=0.05)
 
 
@@ -451,9 +469,9 @@ def test_anything_in_any_field_is_accepted_or_refused_by_name(
 @pytest.mark.parametrize(("name", "polled"), [("umd", False), ("nd", True), ("line", False)])
 def test_the_laser_format_gives_its_decoder(name: str, polled: bool) -> None:
     survey = parse_survey(
-        SWITCHED_ON.replace('format = "umd"', f'format = "{name}"\nlatency_s = 0.25', 1).replace(
-            "latency_s = 0.0\n", "", 1
-        ),
+        SWITCHED_ON.replace(
+            'format = "umd"', f'format = "{name}"\nlatency_s = 0.25', 1
+        ).replace("latency_s = 0.0\n", "", 1),
         "s",
     )
     decoder = laser_decoder(survey)
@@ -463,14 +481,18 @@ def test_the_laser_format_gives_its_decoder(name: str, polled: bool) -> None:
 
 @pytest.mark.parametrize(("name", "polled"), [("fourdof", False), ("tqd", True)])
 def test_the_head_format_gives_its_decoder(name: str, polled: bool) -> None:
-    survey = parse_survey(SWITCHED_ON.replace('format = "fourdof"', f'format = "{name}"'), "s")
+    survey = parse_survey(
+        SWITCHED_ON.replace('format = "fourdof"', f'format = "{name}"'), "s"
+    )
     assert hasattr(head_decoder(survey), "request") == polled
 
 
 def test_a_counter_that_never_repeats_is_said_with_nought() -> None:
     text = SWITCHED_ON.replace('format = "umd"', 'format = "line"', 1)
     settings = laser_settings(
-        parse_survey(text.replace("counter_modulus = 65536", "counter_modulus = 0"), "s").laser
+        parse_survey(
+            text.replace("counter_modulus = 65536", "counter_modulus = 0"), "s"
+        ).laser
     )
     assert isinstance(settings, LineSettings)
     assert settings.counter_modulus is None
@@ -504,7 +526,9 @@ class TestCompensation:
     )
     def test_on_needs_the_files_with_day_and_way(self, left_out: str, field: str) -> None:
         text = "".join(
-            line for line in self.ON.splitlines(keepends=True) if not line.startswith(left_out)
+            line
+            for line in self.ON.splitlines(keepends=True)
+            if not line.startswith(left_out)
         )
         assert refusal(text).startswith(f"survey.toml: {field}: expected")
 

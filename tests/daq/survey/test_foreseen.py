@@ -24,7 +24,10 @@ def test_a_survey_driven_once_is_told_the_slip_that_the_plan_foresees(n):
     ahead = forecast(survey.planned, circumstances(survey)).ahead
     # two increments check each other little: a slip stands out of four degrees of freedom
     assert 2.0 < ahead.unseen.half_um < (60.0 if n == 2 else 20.0)
-    assert f"a slip of the laser's count of {ahead.unseen.half_um:.2g} µm could hide" in said.text
+    assert (
+        f"a slip of the laser's count of {ahead.unseen.half_um:.2g} µm could hide"
+        in said.text
+    )
     assert f"make {ahead.unseen.volume_um:.2g} µm of the volume's errors" in said.text
     assert "return_pass = true" in said.text
 
@@ -42,7 +45,9 @@ def with_pitch(pitch_mm, size_mm, n, feedback="screw"):
         + f'[uncertainty]\nfeedback = "{feedback}"\npitch_mm = {pitch_mm!r}\n'
     )
     survey = parse_survey(text, "survey.toml")
-    return msgspec.structs.replace(survey, box=msgspec.structs.replace(survey.box, size_mm=size_mm))
+    return msgspec.structs.replace(
+        survey, box=msgspec.structs.replace(survey.box, size_mm=size_mm)
+    )
 
 
 def test_targets_a_whole_number_of_turns_apart_are_named():
@@ -57,14 +62,16 @@ def test_targets_a_whole_number_of_turns_apart_are_named():
 def test_runs_with_targets_of_their_own_show_the_waves_of_their_axis():
     survey = with_pitch(10.0, (500.0, 430.0, 350.0), 10)
     fine = msgspec.structs.replace(
-        survey, plan=msgspec.structs.replace(survey.plan, setups=(*FOUR, "linear-x"), targets=40)
+        survey,
+        plan=msgspec.structs.replace(survey.plan, setups=(*FOUR, "linear-x"), targets=40),
     )
     (said,) = hidden_waves(fine)
     assert "steps of z 35 mm do not show" in said.text
 
 
 @pytest.mark.parametrize(
-    ("size_mm", "feedback"), [((430.0, 430.0, 430.0), "screw"), ((500.0, 500.0, 500.0), "scale")]
+    ("size_mm", "feedback"),
+    [((430.0, 430.0, 430.0), "screw"), ((500.0, 500.0, 500.0), "scale")],
 )
 def test_other_steps_and_scales_are_not_named(size_mm, feedback):
     assert not list(hidden_waves(with_pitch(10.0, size_mm, 10, feedback)))
@@ -78,7 +85,9 @@ def test_a_file_that_states_no_pitch_is_not_asked():
 def test_the_advised_number_of_increments_shows_the_waves(pitch_mm, edge_mm, n):
     for said in hidden_waves(with_pitch(pitch_mm, (edge_mm,) * 3, n)):
         if advised := re.search(r"increments = (\d+)", said.text):
-            assert not list(hidden_waves(with_pitch(pitch_mm, (edge_mm,) * 3, int(advised[1]))))
+            assert not list(
+                hidden_waves(with_pitch(pitch_mm, (edge_mm,) * 3, int(advised[1])))
+            )
 
 
 @pytest.mark.parametrize(

@@ -38,16 +38,22 @@ axis = st.builds(
     high=st.floats(0.1, 1.0),
     u_um=st.floats(0, 10),
 )
-detector = st.builds(DetectorTable, x=axis, y=axis, sum_min=st.floats(0, 1e6), rotation_mrad=number)
+detector = st.builds(
+    DetectorTable, x=axis, y=axis, sum_min=st.floats(0, 1e6), rotation_mrad=number
+)
 
 
-texts = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"], exclude_characters="\0"))
+texts = st.text(
+    st.characters(codec="utf-8", exclude_categories=["Cs"], exclude_characters="\0")
+)
 """No command line can hold a NUL, and no settings file may."""
 
 
 @given(qd=detector, psd2=detector, dead=number, reference=texts)
 def test_what_is_written_is_read(qd, psd2, dead, reference):
-    identity = HeadIdentity(id="4D 7", format="fourdof", date="2026-02-28", reference=reference)
+    identity = HeadIdentity(
+        id="4D 7", format="fourdof", date="2026-02-28", reference=reference
+    )
     file = head_file(
         head=identity,
         qd=qd,
@@ -86,7 +92,8 @@ def test_a_wrong_field_is_named(old, new, message):
 
 def section(**changes):
     survey = parse_survey(
-        survey_text(setups=("fourdof-z",), signals=survey_section("/dev/null1")), "survey.toml"
+        survey_text(setups=("fourdof-z",), signals=survey_section("/dev/null1")),
+        "survey.toml",
     )
     return msgspec.structs.replace(survey.head, **changes)
 
@@ -105,13 +112,16 @@ def test_the_file_of_another_head_is_refused():
 
 def test_a_survey_with_the_file_of_another_head_is_refused_before_it_is_driven(tmp_path):
     (tmp_path / "survey.toml").write_text(
-        survey_text(setups=("fourdof-z",), signals=survey_section("/dev/null1", name="4D-002"))
+        survey_text(
+            setups=("fourdof-z",), signals=survey_section("/dev/null1", name="4D-002")
+        )
     )
     write_head_file(tmp_path / "head.toml")
     with pytest.raises(DataError, match=r"head.toml: head.id: expected '4D-002'"):
         load_survey(tmp_path / "survey.toml")
     write_head_file(
-        tmp_path / "head.toml", head=HeadIdentity(id="4D-002", format="fourdof", date="2026-03-31")
+        tmp_path / "head.toml",
+        head=HeadIdentity(id="4D-002", format="fourdof", date="2026-03-31"),
     )
     assert load_survey(tmp_path / "survey.toml").head.id == "4D-002"
 
@@ -130,8 +140,9 @@ def test_a_run_of_the_head_needs_its_calibration_and_a_stand_that_can_be():
         survey_section("/dev/null1", rest=wrong)
     )
     twice = '[head.z]\nbeam = "-z"\ndetector_x = "+x"\ndetector_y = "-x"\n'
-    assert "head.z: expected beam, detector_x and detector_y along three different axes" in refusal(
-        survey_section("/dev/null1", rest=twice)
+    assert (
+        "head.z: expected beam, detector_x and detector_y along three different axes"
+        in refusal(survey_section("/dev/null1", rest=twice))
     )
 
 
@@ -146,13 +157,20 @@ fields = st.fixed_dictionaries(
         ),
         "lever": st.builds(LeverTable, dead_path_mm=number),
         "light": st.builds(
-            LightTable, sums=st.tuples(*[st.floats(1e-3, 1e6)] * 3), within=st.floats(1e-3, 0.5)
+            LightTable,
+            sums=st.tuples(*[st.floats(1e-3, 1e6)] * 3),
+            within=st.floats(1e-3, 0.5),
         ),
-        "crosstalk": st.builds(CrosstalkTable, psd1_leak=st.none() | st.tuples(number, number)),
+        "crosstalk": st.builds(
+            CrosstalkTable, psd1_leak=st.none() | st.tuples(number, number)
+        ),
         "measured": st.dictionaries(
-            st.sampled_from(CALIBRATED), st.just(Measured(by="fourdof commission", on="2026-11-26"))
+            st.sampled_from(CALIBRATED),
+            st.just(Measured(by="fourdof commission", on="2026-11-26")),
         ),
-        "uncertainty": st.just(UncertaintyTable(of=("a", "b"), u=(0.5, 2.0), correlation=(-0.25,))),
+        "uncertainty": st.just(
+            UncertaintyTable(of=("a", "b"), u=(0.5, 2.0), correlation=(-0.25,))
+        ),
     },
 )
 
@@ -160,7 +178,8 @@ fields = st.fixed_dictionaries(
 @given(fields)
 def test_a_file_with_fields_absent_is_read_as_it_was_written(given_fields):
     file = HeadFile(
-        head=HeadIdentity(id="4D-9", format="fourdof", date="2026-11-26", version=2), **given_fields
+        head=HeadIdentity(id="4D-9", format="fourdof", date="2026-11-26", version=2),
+        **given_fields,
     )
     assert parse_head_file(render_head_file(file).encode(), "head.toml") == file
     absent = file.absent()
@@ -198,8 +217,14 @@ def test_what_the_reader_refuses_is_never_written(tmp_path, changes):
 
 
 def test_uncertainties_and_correlations_make_a_covariance():
-    table = UncertaintyTable(of=("a", "b", "c"), u=(1.0, 2.0, 3.0), correlation=(0.5, 0.0, -1.0))
-    assert table.covariance().tolist() == [[1.0, 1.0, 0.0], [1.0, 4.0, -6.0], [0.0, -6.0, 9.0]]
+    table = UncertaintyTable(
+        of=("a", "b", "c"), u=(1.0, 2.0, 3.0), correlation=(0.5, 0.0, -1.0)
+    )
+    assert table.covariance().tolist() == [
+        [1.0, 1.0, 0.0],
+        [1.0, 4.0, -6.0],
+        [0.0, -6.0, 9.0],
+    ]
 
 
 def test_floats_of_numpy_are_written_as_numbers():
@@ -207,7 +232,10 @@ def test_floats_of_numpy_are_written_as_numbers():
     written."""
     file = head_file()
     lever = msgspec.structs.replace(
-        file.lever, scale=np.float64(1.0), u_mm=np.float64(0.25), u_scale=np.float64(0.05) / 3**0.5
+        file.lever,
+        scale=np.float64(1.0),
+        u_mm=np.float64(0.25),
+        u_scale=np.float64(0.05) / 3**0.5,
     )
     again = parse_head_file(
         render_head_file(msgspec.structs.replace(file, lever=lever)).encode(), "head.toml"

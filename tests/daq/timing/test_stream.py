@@ -38,7 +38,9 @@ def stream(pieces):
         if what in ("plain", "lost"):
             for _ in range(amount):
                 number += 1
-                lines.append(line(number, meas=20000 if what == "plain" else 0, phase=number % 200))
+                lines.append(
+                    line(number, meas=20000 if what == "plain" else 0, phase=number % 200)
+                )
         elif what == "gap":
             number += amount
         elif what == "restart":

@@ -66,7 +66,9 @@ def test_a_stream_that_nobody_watched_costs_no_more_than_the_bins(monkeypatch) -
     """A pass without a viewer has hundreds of batches, of which the last second and a half is
     kept."""
     rng = np.random.default_rng(1)
-    batches = [batch(rng.normal(size=20).tolist(), number * BIN_NS + 7) for number in range(1, 999)]
+    batches = [
+        batch(rng.normal(size=20).tolist(), number * BIN_NS + 7) for number in range(1, 999)
+    ]
     watched, unwatched, added = Strip(), Strip(), []
     for each in batches:
         watched.follow(Followed([each]))

@@ -17,7 +17,8 @@ from testkit.exact.results import VOLUME, made_result
 
 BECKHOFF = Beckhoff()
 RESULT = made_result(
-    {"EXX": [4.0, 1.0, 0.0, -2.0, -5.0], "EXY": [0.0, 3.0, 5.0, 2.0, 0.0]}, squareness={"C0Y": 10.0}
+    {"EXX": [4.0, 1.0, 0.0, -2.0, -5.0], "EXY": [0.0, 3.0, 5.0, 2.0, 0.0]},
+    squareness={"C0Y": 10.0},
 )
 
 
@@ -113,7 +114,9 @@ def test_remarks_of_a_list_are_passed_over(remark):
 def test_a_remark_that_is_not_closed_is_no_remark():
     text = "kopf.achs_nr 2\nkw.ssfk.interval 10 /* of ten"
     with pytest.raises(DataError, match="line 2"):
-        BECKHOFF.parse([ControlFile(name="achskw2.lis", data=text.encode())], profile(way="lists"))
+        BECKHOFF.parse(
+            [ControlFile(name="achskw2.lis", data=text.encode())], profile(way="lists")
+        )
 
 
 def test_lists_hold_leadscrew_and_one_cross_table():
@@ -177,7 +180,8 @@ def test_two_masters_for_one_slave_are_refused():
 def test_the_sense_of_the_cross_table_is_asked():
     """No page of the manual states it: planning and reading ask for the sign test's word."""
     with pytest.raises(
-        UsageError, match=r"beckhoff\.cross_sense: expected \"as-error\" or \"as-compensation\""
+        UsageError,
+        match=r"beckhoff\.cross_sense: expected \"as-error\" or \"as-compensation\"",
     ):
         files_of(profile(way="lists"), ["EXY"])
     files, _ = files_of(profile(way="lists", cross_sense="as-error"), ["EXY"])

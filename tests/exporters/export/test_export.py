@@ -78,7 +78,9 @@ def machine(**changes: object) -> Profile:
         letter: msgspec.structs.replace(axis, **changes.pop(letter, {}))
         for letter, axis in profile.axes.items()
     }
-    return replace(profile, machine=msgspec.structs.replace(profile.machine, **changes), axes=axes)
+    return replace(
+        profile, machine=msgspec.structs.replace(profile.machine, **changes), axes=axes
+    )
 
 
 def with_sign_test(
@@ -119,7 +121,9 @@ def test_a_stretch_in_which_the_tables_harm_is_told_by_the_export_as_by_verify(t
     assert [text.partition(":")[0] for text in told] == ["X -100 to -50 mm", "X 50 to 100 mm"]
     assert all(f"stretch-worse: {text}" in report.text for text in told)
     files = [
-        tmp_path / name for name in report.files if name.endswith(".INI") and "RESTORE" not in name
+        tmp_path / name
+        for name in report.files
+        if name.endswith(".INI") and "RESTORE" not in name
     ]
     assert told == [
         item.text
@@ -167,7 +171,11 @@ class TestQuickLook:
             for stem, end in stems.items()
             for suffix in ("_UNTESTED_SIGN", "_RESTORE")
         }
-        assert set(report.files) == wanted | {"READ_BACK.MPF", "EXPORT_REPORT.txt", "SHA256SUMS"}
+        assert set(report.files) == wanted | {
+            "READ_BACK.MPF",
+            "EXPORT_REPORT.txt",
+            "SHA256SUMS",
+        }
         assert sorted(path.name for path in tmp_path.iterdir()) == sorted(report.files)
         for line in (tmp_path / "SHA256SUMS").read_text(encoding="ascii").splitlines():
             digest, _, name = line.partition("  ")
@@ -175,10 +183,16 @@ class TestQuickLook:
 
     def test_a_shape_without_scale_is_exported_with_a_loud_note(self, tmp_path):
         report = export(
-            made_result(ERRORS, shape_only=["EXX"]), "siemens", None, step_mm=50.0, out_dir=tmp_path
+            made_result(ERRORS, shape_only=["EXX"]),
+            "siemens",
+            None,
+            step_mm=50.0,
+            out_dir=tmp_path,
         )
         assert "EXX: ONLY THE SHAPE" in report.text
-        assert ("shape-only", "warning") in {(item.key, item.severity) for item in report.findings}
+        assert ("shape-only", "warning") in {
+            (item.key, item.severity) for item in report.findings
+        }
 
     @pytest.mark.parametrize(
         ("control", "increments"),
@@ -217,13 +231,17 @@ class TestQuickLook:
             )
         assert left[None] <= min(left.values()) + 0.02
 
-    @pytest.mark.parametrize(("targets", "sections"), spread([(20, 20), (10, 10), (None, None)], 2))
+    @pytest.mark.parametrize(
+        ("targets", "sections"), spread([(20, 20), (10, 10), (None, None)], 2)
+    )
     def test_a_quick_look_meets_the_targets_of_a_run(self, targets, sections, tmp_path):
         """Finer than the diagonals', or irregular (ISO 230-2): the largest part of the increments
         that meets them."""
         own = None if targets is None else tuple(np.linspace(0.0, 500.0, targets + 1))
         measured = solve(
-            Beside(bench=Bench(), u_um=0.1, targets_mm={"linear-x": own or IRREGULAR}).readings()
+            Beside(
+                bench=Bench(), u_um=0.1, targets_mm={"linear-x": own or IRREGULAR}
+            ).readings()
         )
         report = export(
             measured, "neutral", None, accept=("slope-steep",), out_dir=tmp_path / "out"
@@ -231,7 +249,9 @@ class TestQuickLook:
         (table,) = (each for each in report.tables if each.name == "EXX")
         assert sections is None or len(table.position_mm) - 1 == sections
         missed = missed_um(
-            table.position_mm, measured.errors["EXX"].position_mm, measured.errors["EXX"].value
+            table.position_mm,
+            measured.errors["EXX"].position_mm,
+            measured.errors["EXX"].value,
         )
         coarse = missed_um(
             np.linspace(0.0, 500.0, 11),
@@ -256,7 +276,9 @@ class TestQuickLook:
 
 
 class TestFanuc:
-    def test_without_a_master_the_readable_table_is_written_and_the_file_refused(self, tmp_path):
+    def test_without_a_master_the_readable_table_is_written_and_the_file_refused(
+        self, tmp_path
+    ):
         with pytest.raises(SafetyError) as refusal:
             export(RESULT, "fanuc", None, step_mm=50.0, out_dir=tmp_path)
         assert refusal.value.code == "template-missing"
@@ -269,9 +291,13 @@ class TestFanuc:
         assert "parameter 3620 A1 = 100" in text
 
     def test_restore_is_the_masters_own_bytes(self, tmp_path):
-        report = export(RESULT, "fanuc", profile_of("fanuc", VOLUME), out_dir=tmp_path, today=TODAY)
+        report = export(
+            RESULT, "fanuc", profile_of("fanuc", VOLUME), out_dir=tmp_path, today=TODAY
+        )
         assert "PITCH_UNTESTED_SIGN.TXT" in report.files
-        assert (tmp_path / "PITCH_RESTORE.TXT").read_bytes() == MACHINES["fanuc"].files["PITCH.TXT"]
+        assert (tmp_path / "PITCH_RESTORE.TXT").read_bytes() == MACHINES["fanuc"].files[
+            "PITCH.TXT"
+        ]
 
 
 class TestNothingIsWritten:
@@ -279,7 +305,11 @@ class TestNothingIsWritten:
     def test_for_a_function_that_is_not_identified(self, name, tmp_path):
         with pytest.raises(DataError, match=name):
             export(
-                made_result({name: None}), "siemens", None, step_mm=50.0, out_dir=tmp_path / "out"
+                made_result({name: None}),
+                "siemens",
+                None,
+                step_mm=50.0,
+                out_dir=tmp_path / "out",
             )
         assert not (tmp_path / "out").exists()
 
@@ -307,7 +337,11 @@ def test_a_table_that_does_not_stand_where_it_was_measured_says_what_it_leaves(t
     instead of 12. On them, nothing is said."""
     wide = coarse_said(
         export(
-            RESULT, "siemens", machine(X={"step_mm": 200.0}), out_dir=tmp_path / "wide", today=TODAY
+            RESULT,
+            "siemens",
+            machine(X={"step_mm": 200.0}),
+            out_dir=tmp_path / "wide",
+            today=TODAY,
         )
     )
     assert len(wide) == 1
@@ -351,13 +385,18 @@ def test_and_so_does_a_lattice(step_mm, said, tmp_path):
 
 class TestSignTest:
     def test_a_dated_test_takes_the_suffix_away(self, tmp_path):
-        report = export(RESULT, "siemens", with_sign_test(machine()), out_dir=tmp_path, today=TODAY)
+        report = export(
+            RESULT, "siemens", with_sign_test(machine()), out_dir=tmp_path, today=TODAY
+        )
         assert "AX_EEC.INI" in report.files
         assert b"UNTESTED" not in (tmp_path / "AX_EEC.INI").read_bytes()
 
     def test_the_header_of_an_untested_file_says_so(self, tmp_path):
         export(RESULT, "siemens", machine(), out_dir=tmp_path, today=TODAY)
-        assert b"; UNTESTED SIGN (cec, eec)" in (tmp_path / "AX_EEC_UNTESTED_SIGN.INI").read_bytes()
+        assert (
+            b"; UNTESTED SIGN (cec, eec)"
+            in (tmp_path / "AX_EEC_UNTESTED_SIGN.INI").read_bytes()
+        )
 
     @pytest.mark.parametrize("day", [date(2025, 5, 31), date(2026, 6, 2)])
     def test_a_test_of_more_than_twelve_months_ago_or_of_the_future_does_not_count(
@@ -435,7 +474,10 @@ class TestSafetyChecks:
     def test_an_error_cannot_be_accepted(self, code, result, changes, tmp_path):
         assert (
             refusal_of(
-                result, machine(**changes), tmp_path, accept=[code, "value-large", "slope-steep"]
+                result,
+                machine(**changes),
+                tmp_path,
+                accept=[code, "value-large", "slope-steep"],
             ).code
             == code
         )
@@ -468,24 +510,38 @@ class TestChecksOnTables:
     )
     def test_a_spoilt_table_is_found(self, code, spoil):
         profile = machine()
-        (table,) = controller_named("siemens").plan(curves_of(RESULT, ["EXX"]), profile).tables
+        (table,) = (
+            controller_named("siemens").plan(curves_of(RESULT, ["EXX"]), profile).tables
+        )
         assert code in {
             item.key for item in run_checks(case_of(profile, [replace(table, **spoil)]))
         }
 
     def test_a_step_from_point_to_point_that_the_control_cannot_hold(self):
         """TNC 306: neighbours differ by at most spacing / 64."""
-        (table,) = controller_named("siemens").plan(curves_of(RESULT, ["EXX"]), machine()).tables
-        assert codes_with_limits(table, Limits(neighbour_um_mm=0.07)) == {"slope-steep.neighbour"}
+        (table,) = (
+            controller_named("siemens").plan(curves_of(RESULT, ["EXX"]), machine()).tables
+        )
+        assert codes_with_limits(table, Limits(neighbour_um_mm=0.07)) == {
+            "slope-steep.neighbour"
+        }
         assert codes_with_limits(table, Limits(neighbour_um=7.9)) == {"slope-steep.neighbour"}
-        assert codes_with_limits(table, Limits(neighbour_um=8.0, neighbour_um_mm=0.08)) == set()
+        assert (
+            codes_with_limits(table, Limits(neighbour_um=8.0, neighbour_um_mm=0.08)) == set()
+        )
 
     def test_bytes_that_say_something_else_are_found(self):
         """11: what is read back is compared with what was planned."""
-        planned = controller_named("siemens").plan(curves_of(RESULT, ["EXX"]), machine()).tables
+        planned = (
+            controller_named("siemens").plan(curves_of(RESULT, ["EXX"]), machine()).tables
+        )
         wrong = [replace(table, value_um=table.value_um + 5) for table in planned]
-        assert [item.key for item in check_round_trip(planned, wrong)] == ["file-unsound.read-back"]
-        assert [item.key for item in check_round_trip(planned, [])] == ["file-unsound.read-back"]
+        assert [item.key for item in check_round_trip(planned, wrong)] == [
+            "file-unsound.read-back"
+        ]
+        assert [item.key for item in check_round_trip(planned, [])] == [
+            "file-unsound.read-back"
+        ]
         assert not list(check_round_trip(planned, planned))
 
 
@@ -507,10 +563,13 @@ def codes_with_limits(table: Table, limits: Limits) -> set[str]:
     """The codes that the checks find where the control has these limits."""
     control = Siemens()
     limited = type(
-        "Limited", (), {"name": control.name, "title": control.title, "limits": lambda *_: limits}
+        "Limited",
+        (),
+        {"name": control.name, "title": control.title, "limits": lambda *_: limits},
     )()
     return {
-        item.key for item in run_checks(replace(case_of(machine(), [table]), controller=limited))
+        item.key
+        for item in run_checks(replace(case_of(machine(), [table]), controller=limited))
     }
 
 
@@ -569,7 +628,8 @@ def measured_with(result: Result, active: Sequence[ControlFile]) -> Result:
 class TestActiveTables:
     def active(self, state: str) -> Profile:
         return replace(
-            machine(measured_with=state), existing=(ControlFile(name="AX_EEC.INI", data=OLD_TABLE),)
+            machine(measured_with=state),
+            existing=(ControlFile(name="AX_EEC.INI", data=OLD_TABLE),),
         )
 
     def merged(self, out):
@@ -588,7 +648,9 @@ class TestActiveTables:
         """controllers.md 9: T_new = T_old + r, on the new grid, zero at the reference."""
         report = self.merged(tmp_path)
         table = next(table for table in report.tables if table.name == "EXX")
-        np.testing.assert_allclose(table.value_um, [0, 5 + 1, 10 + 2, 15 + 3, 20 + 4], atol=0.05)
+        np.testing.assert_allclose(
+            table.value_um, [0, 5 + 1, 10 + 2, 15 + 3, 20 + 4], atol=0.05
+        )
 
     def test_prediction_counts_the_change_only(self, tmp_path):
         """The residual was measured with the old table on: replacing it by old + residual leaves
@@ -640,7 +702,9 @@ class TestActiveTables:
         )
         old = OLD_TABLE.replace(b"\nM17\n", b"\n") + far
         own = machine()
-        axes = own.axes | {"X": msgspec.structs.replace(own.axes["X"], travel_mm=(-200.0, 200.0))}
+        axes = own.axes | {
+            "X": msgspec.structs.replace(own.axes["X"], travel_mm=(-200.0, 200.0))
+        }
         profile = replace(own, axes=axes, existing=(ControlFile(name="ALL.INI", data=old),))
         made = export(
             RESULT,
@@ -659,11 +723,14 @@ class TestActiveTables:
             left_um(b"", tmp_path / "out"), abs=1e-6
         )
 
-    def test_an_axis_that_goes_from_one_kind_of_table_to_another_keeps_no_old_one(self, tmp_path):
+    def test_an_axis_that_goes_from_one_kind_of_table_to_another_keeps_no_old_one(
+        self, tmp_path
+    ):
         """Two directions go into CEC tables: the old EEC of X would act beside them, whatever
         becomes of the EEC of other axes."""
         both = made_result(
-            {"EXX": [0, 5, 10, 15, 20], "EYY": [0, 1, 2, 3, 4]}, reversal={"EXX": [3, 3, 3, 3, 3]}
+            {"EXX": [0, 5, 10, 15, 20], "EYY": [0, 1, 2, 3, 4]},
+            reversal={"EXX": [3, 3, 3, 3, 3]},
         )
         made = export(
             both,
@@ -673,7 +740,11 @@ class TestActiveTables:
             today=TODAY,
             accept=["change-large"],
         )
-        assert [table.kind for table in made.tables if table.name == "EXX"] == ["cec", "cec", "eec"]
+        assert [table.kind for table in made.tables if table.name == "EXX"] == [
+            "cec",
+            "cec",
+            "eec",
+        ]
         assert left_um(OLD_TABLE, tmp_path / "out") == pytest.approx(
             left_um(b"", tmp_path / "out"), abs=1e-6
         )
@@ -685,7 +756,9 @@ class TestActiveTables:
             for letter, axis in active.axes.items()
         }
         return replace(
-            active, machine=msgspec.structs.replace(active.machine, direction="both"), axes=axes
+            active,
+            machine=msgspec.structs.replace(active.machine, direction="both"),
+            axes=axes,
         )
 
     def test_a_function_whose_place_another_one_takes_is_written_once_more(self, tmp_path):
@@ -693,7 +766,8 @@ class TestActiveTables:
         on as it was."""
         old = b"CHANDATA(1)\n" + CEC % {b"n": 0, b"from": 3, b"to": 1}
         profile = replace(
-            machine(functions=("EXX", "EYX")), existing=(ControlFile(name="NC_CEC.INI", data=old),)
+            machine(functions=("EXX", "EYX")),
+            existing=(ControlFile(name="NC_CEC.INI", data=old),),
         )
         made = export(RESULT, "siemens", profile, out_dir=tmp_path / "out", today=TODAY)
         (kept,) = (table for table in made.tables if table.name == "EXZ")
@@ -710,7 +784,8 @@ class TestActiveTables:
         own = machine()
         linked = replace(own, options=msgspec.structs.replace(own.options, products=True))
         turning = made_result(
-            {"EYX": [0, 1, 2, 1, 0]}, angles={"ECX": [0, 5, 15, 10, 20], "EAX": [0, 5, 15, 10, 20]}
+            {"EYX": [0, 1, 2, 1, 0]},
+            angles={"ECX": [0, 5, 15, 10, 20], "EAX": [0, 5, 15, 10, 20]},
         )
         first = export(
             turning,
@@ -787,7 +862,8 @@ class TestMergingAnyController:
         control = controller_named(name)
         both = made_result({"EXX": [0, 5, 9, 12, 16]})
         plan = control.plan(
-            curves_of(made_result({"EXX": [0, 3, 7, 9, 12]}), profile.machine.functions), profile
+            curves_of(made_result({"EXX": [0, 3, 7, 9, 12]}), profile.machine.functions),
+            profile,
         )
         settled = replace(profile, options=plan.options or profile.options)
         old = control.render(plan.tables, settled)

@@ -100,7 +100,12 @@ class TestIncrements:
         """controllers.md 12.1: points 39 to 42 hold +3 +1 +2 +3; every other byte is the
         machine's."""
         master = punch(
-            "N10038 P 0", "N10039 P 0", "N10040 P -1", "N10041 P 0", "N10042 P 0", "N10043 P 5"
+            "N10038 P 0",
+            "N10039 P 0",
+            "N10040 P -1",
+            "N10041 P 0",
+            "N10042 P 0",
+            "N10043 P 5",
         )
         files = written(fanuc_profile((master,)), EXAMPLE)
         expected = punch(
@@ -110,8 +115,12 @@ class TestIncrements:
 
     def test_applied_as_the_control_does_it(self):
         """controllers.md 12.1, check: +2 at 100, +5 at 200, -1 at -100, -4 at -200."""
-        plan = CONTROL.plan(curves_of(made_result({"EXX": EXAMPLE}), ["EXX"]), fanuc_profile())
-        assert correction_um(plan.tables[0], np.array([-200.0, -100, 0, 100, 200])).tolist() == [
+        plan = CONTROL.plan(
+            curves_of(made_result({"EXX": EXAMPLE}), ["EXX"]), fanuc_profile()
+        )
+        assert correction_um(
+            plan.tables[0], np.array([-200.0, -100, 0, 100, 200])
+        ).tolist() == [
             -4,
             -1,
             0,
@@ -121,8 +130,12 @@ class TestIncrements:
 
     def test_between_the_points_the_value_is_that_of_the_last_point_passed(self):
         """B-63980EN/01 p. 100: output at the position, not interpolated."""
-        plan = CONTROL.plan(curves_of(made_result({"EXX": EXAMPLE}), ["EXX"]), fanuc_profile())
-        assert correction_um(plan.tables[0], np.array([99.9, 100.0, 199.9, -0.1])).tolist() == [
+        plan = CONTROL.plan(
+            curves_of(made_result({"EXX": EXAMPLE}), ["EXX"]), fanuc_profile()
+        )
+        assert correction_um(
+            plan.tables[0], np.array([99.9, 100.0, 199.9, -0.1])
+        ).tolist() == [
             0,
             2,
             2,
@@ -147,7 +160,8 @@ class TestIncrements:
         assert plan.tables[0].quantum_um == 100.0
         with pytest.raises(SafetyError, match="found 8 at magnification 100"):
             CONTROL.plan(
-                curves_of(made_result({"EXX": [0, 0, 0, -751, -751]}), ["EXX"]), fanuc_profile()
+                curves_of(made_result({"EXX": [0, 0, 0, -751, -751]}), ["EXX"]),
+                fanuc_profile(),
             )
 
     def test_a_slope_that_no_magnification_holds_is_refused(self):
@@ -174,7 +188,9 @@ class TestIncrements:
             name="X", step_mm=400 / 60, reference_mm=-200.0, start_mm=-200.0, end_mm=200.0
         )
         profile = replace(profile, axes={**profile.axes, "X": x_axis})
-        curve = curves_of(made_result({"EXX": [0.0, *np.cumsum(slopes)]}, volume=volume), ["EXX"])
+        curve = curves_of(
+            made_result({"EXX": [0.0, *np.cumsum(slopes)]}, volume=volume), ["EXX"]
+        )
         (table,) = CONTROL.plan(curve, profile).tables
         left = curve[0].forward_um + correction_um(table, profile.grid_mm("X"))
         assert np.max(np.abs(left)) <= table.quantum_um / 2 + 1e-6
@@ -191,7 +207,9 @@ class TestPunchFiles:
         master = ControlFile(name="ALL.TXT", data=new_punch_file(60))
         new = written(fanuc_profile((master,)), EXAMPLE)["ALL.TXT"]
         changed = [
-            (a, b) for a, b in zip(master.data.split(EOB), new.split(EOB), strict=True) if a != b
+            (a, b)
+            for a, b in zip(master.data.split(EOB), new.split(EOB), strict=True)
+            if a != b
         ]
         assert changed == [
             (b"N03620Q1A1P0A2P0A3P0", b"N03620Q1A1P40A2P0A3P0"),
@@ -209,7 +227,8 @@ class TestPunchFiles:
         point: 1000 times is at stake."""
         master = punch("N03624 A1 P 0 A2 P 0", *(f"N{10000 + n} P 0" for n in range(39, 43)))
         assert (
-            b"N03624 A1 P 100000 A2 P 0" in written(fanuc_profile((master,)), EXAMPLE)["PITCH.TXT"]
+            b"N03624 A1 P 100000 A2 P 0"
+            in written(fanuc_profile((master,)), EXAMPLE)["PITCH.TXT"]
         )
 
     def test_a_line_with_q1_is_a_parameter_and_never_pitch_data(self):
@@ -249,12 +268,17 @@ class TestPunchFiles:
             letter: AxisPoints(number=n, reference_point=40)
             for n, letter in enumerate("XYZ", start=1)
         }
-        plan = CONTROL.plan(curves_of(made_result(), ["EXX", "EYY"]), fanuc_profile(axes=axes))
+        plan = CONTROL.plan(
+            curves_of(made_result(), ["EXX", "EYY"]), fanuc_profile(axes=axes)
+        )
         (found,) = plan.findings
         assert (found.key, found.severity) == ("points-overlap", "error")
         both = [set(numbers) for numbers in map(stored_in, plan.tables)]
         shared = both[0] & both[1]
-        assert f"both use pitch points {min(shared)} to {max(shared)}: give the axes" in found.text
+        assert (
+            f"both use pitch points {min(shared)} to {max(shared)}: give the axes"
+            in found.text
+        )
         assert min(shared) < max(shared)
 
     def test_a_pitch_file_alone_suffices_where_nothing_was_compensated(self, tmp_path):
@@ -335,7 +359,9 @@ class TestDirections:
             in (tmp_path / "out" / "PITCH_UNTESTED_SIGN.TXT").read_bytes()
         )
 
-    def test_without_its_bit_an_axis_has_a_second_table_where_its_own_second_range_holds_data(self):
+    def test_without_its_bit_an_axis_has_a_second_table_where_its_own_second_range_holds_data(
+        self,
+    ):
         """Where no file holds 3605#0, values in the range of X tell, and those of Y, which begins
         later, do not."""
         profile = profile_of("fanuc", VOLUME, direction="both", reference_at=2)
@@ -344,11 +370,17 @@ class TestDirections:
             lines = ["N03623Q1A1P1A2P1A3P1", "N03627Q1A1P0A2P0A3P0"]
             lines += [f"N1{point:04}Q0P{points.get(point, 0)}" for point in range(700)]
             return [
-                (table.name, table.direction) for table in CONTROL.parse([punch(*lines)], profile)
+                (table.name, table.direction)
+                for table in CONTROL.parse([punch(*lines)], profile)
             ]
 
         assert directions({99: 3, 301: 4}) == [("EXX", 0), ("EYY", 0), ("EZZ", 0)]
-        assert directions({99: 3, 162: 2}) == [("EXX", 1), ("EXX", -1), ("EYY", 0), ("EZZ", 0)]
+        assert directions({99: 3, 162: 2}) == [
+            ("EXX", 1),
+            ("EXX", -1),
+            ("EYY", 0),
+            ("EZZ", 0),
+        ]
 
 
 class TestStraightLines:
@@ -402,7 +434,9 @@ class TestStraightLines:
         assert plan.tables[1].quantum_um == 1.0
         at = np.array([-200.0, -100, 0, 100, 200])
         np.testing.assert_allclose(
-            sum(correction_um(table, at) for table in plan.tables), [-30, -16, 0, 14, 30], atol=0.5
+            sum(correction_um(table, at) for table in plan.tables),
+            [-30, -16, 0, 14, 30],
+            atol=0.5,
         )
 
     def test_inclination_beside_pitch_data_of_each_direction(self):
@@ -412,7 +446,9 @@ class TestStraightLines:
             **profile.options.axes,
             "X": msgspec.structs.replace(profile.options.axes["X"], inclination=True),
         }
-        profile = replace(profile, options=msgspec.structs.replace(profile.options, axes=axes))
+        profile = replace(
+            profile, options=msgspec.structs.replace(profile.options, axes=axes)
+        )
         errors = made_result({"EXX": [30, 16, 0, -14, -30]}, reversal={"EXX": [6.0] * 5})
         tables = CONTROL.plan(curves_of(errors, ["EXX"]), profile).tables
         assert [(table.kind, table.direction) for table in tables] == [
@@ -421,7 +457,9 @@ class TestStraightLines:
             ("pitch", -1),
         ]
         at, wanted = np.array([-200.0, -100, 0, 100, 200]), np.array([-30, -16, 0, 14, 30])
-        there, back = (sum(correction_um(table, at, way) for table in tables) for way in (1, -1))
+        there, back = (
+            sum(correction_um(table, at, way) for table in tables) for way in (1, -1)
+        )
         np.testing.assert_allclose(there - there[2], wanted, atol=0.6)
         np.testing.assert_allclose(back - back[2], wanted, atol=0.6)
         assert back[2] - there[2] == pytest.approx(6.0, abs=0.6)
@@ -435,7 +473,9 @@ class TestStraightLines:
         }
         with pytest.raises(SafetyError) as refusal:
             written(
-                fanuc_profile((punch(*(f"N{10000 + n}Q0P0" for n in range(39, 43))),), axes=axes),
+                fanuc_profile(
+                    (punch(*(f"N{10000 + n}Q0P0" for n in range(39, 43))),), axes=axes
+                ),
                 [30, 16, 0, -14, -30],
             )
         assert refusal.value.code == "template-missing.parameters"
@@ -509,11 +549,17 @@ class TestIdentity:
             ("A1P40", "A1P41", "machine-file-differs.reference"),
             ("Q1A1P88", "Q1A4P88", "machine-file-differs.no-axis"),
             ("Q1A1P40", "Q1A4P40", "machine-file-differs.no-axis"),
-            ("N03605Q1A1P00000000", "N03605Q1A1P00000001", "machine-file-differs.bidirectional"),
+            (
+                "N03605Q1A1P00000000",
+                "N03605Q1A1P00000001",
+                "machine-file-differs.bidirectional",
+            ),
         ],
     )
     def test_another_machine_or_setting(self, old, new, code, monkeypatch):
-        monkeypatch.setattr(type(self), "WELL", tuple(line.replace(old, new) for line in self.WELL))
+        monkeypatch.setattr(
+            type(self), "WELL", tuple(line.replace(old, new) for line in self.WELL)
+        )
         assert self.codes() == {code}
 
     def test_an_export_is_refused(self, tmp_path):

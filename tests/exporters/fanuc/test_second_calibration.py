@@ -41,17 +41,22 @@ CONTROL = Fanuc()
 
 def delivered() -> ControlFile:
     """The punched file of a control with the straightness option, all zero."""
-    keys = [key for one in SETS for key in (one.moving, one.compensated, *one.points, *one.values)]
+    keys = [
+        key for one in SETS for key in (one.moving, one.compensated, *one.points, *one.values)
+    ]
     lines = [line for line in new_punch_file().split(EOB) if line not in (b"", b"%")]
     return ControlFile(
         name="PITCH.TXT",
-        data=EOB.join([b"%", *lines, *(b"N%05dQ1P0" % key for key in sorted(keys)), b"%"]) + EOB,
+        data=EOB.join([b"%", *lines, *(b"N%05dQ1P0" % key for key in sorted(keys)), b"%"])
+        + EOB,
     )
 
 
 def profile(sections: int, own: ControlFile, state: str) -> Profile:
     plain = profile_of("fanuc", FINE, sections=sections)
-    machine = msgspec.structs.replace(plain.machine, functions=list(NAMES), measured_with=state)
+    machine = msgspec.structs.replace(
+        plain.machine, functions=list(NAMES), measured_with=state
+    )
     options = msgspec.structs.replace(
         plain.options, straightness_option=True, detection_unit_um=0.1
     )
@@ -98,7 +103,9 @@ def measured(seed: int, active: Sequence[Table], own: ControlFile | None) -> Res
         )
     )
     survey = Facts(compensation="on" if own else "off", active_files=files)
-    return replace(made_result(errors, squareness=square, u_um=0.1, volume=FINE), survey=survey)
+    return replace(
+        made_result(errors, squareness=square, u_um=0.1, volume=FINE), survey=survey
+    )
 
 
 @few(5, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -136,6 +143,8 @@ def test_old_pitch_data_without_their_interval_are_refused():
     elsewhere."""
     lines = [b"N1%04dQ0P%d" % (point, point % 3) for point in range(700)]
     own = ControlFile(name="PITCH.TXT", data=EOB.join([b"%", *lines, b"%"]) + EOB)
-    with pytest.raises(SafetyError, match=r"parameter 3624.*no interval for A1, A2, A3") as refusal:
+    with pytest.raises(
+        SafetyError, match=r"parameter 3624.*no interval for A1, A2, A3"
+    ) as refusal:
         CONTROL.standing([own], (), profile(8, own, "on"))
     assert refusal.value.code == "template-missing.parameters"

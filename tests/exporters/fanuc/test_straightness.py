@@ -23,7 +23,9 @@ from testkit.exact.machines import EOB, new_punch_file, profile_of
 from testkit.exact.results import made_result
 
 FANUC = Fanuc()
-VOLUME = Volume(origin_mm=(-200.0, -200.0, -100.0), size_mm=(400.0, 400.0, 200.0), increments=4)
+VOLUME = Volume(
+    origin_mm=(-200.0, -200.0, -100.0), size_mm=(400.0, 400.0, 200.0), increments=4
+)
 POINTS = grid_points_mm(VOLUME, 9)
 
 
@@ -51,7 +53,10 @@ def profile(sets: int = 3, *, option: bool = True) -> Profile:
         existing=files,
         machine=msgspec.structs.replace(plain.machine, functions=functions),
         options=msgspec.structs.replace(
-            plain.options, straightness_option=option, detection_unit_um=0.1, increment_limit=127
+            plain.options,
+            straightness_option=option,
+            detection_unit_um=0.1,
+            increment_limit=127,
         ),
     )
 
@@ -84,9 +89,9 @@ def written(of: Profile, result: Result):
 def test_the_three_functions_that_are_worth_most_are_written() -> None:
     plan, _, _ = written(profile(), drawn())
     assert len([table for table in plan.tables if table.kind == "straightness"]) == 3
-    assert {table.name for table in plan.tables if table.kind == "straightness"} >= {"EXY"} or len(
-        plan.listed
-    ) == 3
+    assert {table.name for table in plan.tables if table.kind == "straightness"} >= {
+        "EXY"
+    } or len(plan.listed) == 3
     spread = {
         table.name: np.ptp(table.value_um)
         for table in (*plan.tables, *plan.listed)
@@ -98,7 +103,9 @@ def test_the_three_functions_that_are_worth_most_are_written() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_virtual_control_moves_as_read_and_reaches_more_than_pitch_alone(seed: int) -> None:
+def test_the_virtual_control_moves_as_read_and_reaches_more_than_pitch_alone(
+    seed: int,
+) -> None:
     result = drawn(seed)
     plan, settled, files = written(profile(), result)
     read = FANUC.parse(files, settled)
@@ -106,7 +113,9 @@ def test_the_virtual_control_moves_as_read_and_reaches_more_than_pitch_alone(see
         str(table.label) for table in plan.tables
     )
     tables = load_fanuc(
-        [file.data.decode("ascii") for file in files], detection_unit_um=0.1, interpolated=False
+        [file.data.decode("ascii") for file in files],
+        detection_unit_um=0.1,
+        interpolated=False,
     )
     theirs = (
         sum(
@@ -116,7 +125,9 @@ def test_the_virtual_control_moves_as_read_and_reaches_more_than_pitch_alone(see
         * 1e3
     )
     np.testing.assert_allclose(theirs, total_correction_um(read, POINTS), rtol=0, atol=1e-6)
-    without = total_correction_um([table for table in read if table.kind != "straightness"], POINTS)
+    without = total_correction_um(
+        [table for table in read if table.kind != "straightness"], POINTS
+    )
     assert rms_um(result, theirs) < 0.75 * rms_um(result, without)
 
 
@@ -126,7 +137,8 @@ def test_a_new_reader_finds_them_by_what_the_file_says() -> None:
     of = profile()
     plan, _, files = written(of, drawn())
     read = FANUC.parse(
-        files, replace(of, options=msgspec.structs.replace(of.options, axes=plan.options.axes))
+        files,
+        replace(of, options=msgspec.structs.replace(of.options, axes=plan.options.axes)),
     )
     assert {t.name for t in read if t.kind == "straightness"} == {
         t.name for t in plan.tables if t.kind == "straightness"
@@ -142,11 +154,19 @@ def test_fewer_sets_hold_fewer_functions() -> None:
 def test_a_set_with_axes_and_without_points_holds_no_table() -> None:
     """The option is in the control, and nobody compensated anything: its tables are read before
     every export."""
-    named = parameters().replace(b"N05711Q1P0", b"N05711Q1P2").replace(b"N05721Q1P0", b"N05721Q1P1")
+    named = (
+        parameters()
+        .replace(b"N05711Q1P0", b"N05711Q1P2")
+        .replace(b"N05721Q1P0", b"N05721Q1P1")
+    )
     assert named != parameters()
     plain = profile()
-    of = replace(plain, existing=(plain.existing[0], ControlFile(name="PARAM.TXT", data=named)))
-    assert [table for table in FANUC.standing(of.existing, (), of) if table.kind != "pitch"] == []
+    of = replace(
+        plain, existing=(plain.existing[0], ControlFile(name="PARAM.TXT", data=named))
+    )
+    assert [
+        table for table in FANUC.standing(of.existing, (), of) if table.kind != "pitch"
+    ] == []
 
 
 def test_an_option_that_the_file_does_not_show_is_refused() -> None:
@@ -156,10 +176,14 @@ def test_an_option_that_the_file_does_not_show_is_refused() -> None:
 
 
 def codes(of: Profile, functions: list[str]) -> set[str]:
-    return {finding.key for finding in FANUC.plan(fitted(drawn(), functions).curves, of).findings}
+    return {
+        finding.key for finding in FANUC.plan(fitted(drawn(), functions).curves, of).findings
+    }
 
 
-def test_numbers_that_no_manual_stated_are_a_remark_of_every_export_that_rests_on_them() -> None:
+def test_numbers_that_no_manual_stated_are_a_remark_of_every_export_that_rests_on_them() -> (
+    None
+):
     """Not where the profile brings the numbers from the machine's own manual, and not where nothing
     is written into them."""
     of = profile()
@@ -190,7 +214,9 @@ def test_straight_lines_need_the_pitch_points_that_nobody_sets(interval_mm: byte
     of = profile()
     pitch, sets = of.existing
     intervals = b"N03624Q1A1P25.0A2P%sA3P12.5" % interval_mm
-    elsewhere = replace(pitch, data=pitch.data.replace(b"N03624Q1A1P0.0A2P0.0A3P0.0", intervals))
+    elsewhere = replace(
+        pitch, data=pitch.data.replace(b"N03624Q1A1P0.0A2P0.0A3P0.0", intervals)
+    )
     with pytest.raises(SafetyError) as refused:
         codes(replace(of, existing=(elsewhere, sets)), ["EXX", "EZZ", "EXY"])
     assert refused.value.code == "profile-incomplete.pitch-points"

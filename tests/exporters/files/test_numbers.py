@@ -27,7 +27,13 @@ def test_shortest_keeps_nine_decimals_and_drops_zeros_but_one(value):
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(-200, "-200.0"), (6.25, "6.25"), (-0.0, "0.0"), (-1e-12, "0.0"), (400 / 7, "57.142857143")],
+    [
+        (-200, "-200.0"),
+        (6.25, "6.25"),
+        (-0.0, "0.0"),
+        (-1e-12, "0.0"),
+        (400 / 7, "57.142857143"),
+    ],
 )
 def test_shortest_by_example(value, text):
     assert shortest(value) == text

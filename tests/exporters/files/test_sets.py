@@ -38,7 +38,9 @@ class TestWriting:
     def test_the_folder_holds_the_files_and_their_hashes(self, tmp_path):
         written = write_set(tmp_path / "deep" / "out", files(1))
         assert sorted(written) == names(tmp_path / "deep" / "out")
-        for line in (tmp_path / "deep" / "out" / SUMS).read_text(encoding="utf-8").splitlines():
+        for line in (
+            (tmp_path / "deep" / "out" / SUMS).read_text(encoding="utf-8").splitlines()
+        ):
             digest, _, name = line.partition("  ")
             assert (
                 hashlib.sha256((tmp_path / "deep" / "out" / name).read_bytes()).hexdigest()
@@ -75,10 +77,19 @@ class TestWriting:
         order = []
         through = sets.write_through
         monkeypatch.setattr(
-            sets, "write_through", lambda path, data: (order.append(path.name), through(path, data))
+            sets,
+            "write_through",
+            lambda path, data: (order.append(path.name), through(path, data)),
         )
         write_set(tmp_path / "out", files(1))
-        assert order == ["T1_RESTORE.INI", "T3_RESTORE.INI", "T0.INI", "T2.INI", "T4.INI", SUMS]
+        assert order == [
+            "T1_RESTORE.INI",
+            "T3_RESTORE.INI",
+            "T0.INI",
+            "T2.INI",
+            "T4.INI",
+            SUMS,
+        ]
 
     @pytest.mark.parametrize("full_at", range(8))
     def test_a_full_disk_at_any_file_leaves_nothing(self, tmp_path, monkeypatch, full_at):

@@ -52,7 +52,9 @@ def killed(work: Callable[[], object], at: int) -> None:
     child = os.fork()
     if child == 0:
         steps = iter(range(100))
-        os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL) if next(steps) == at else None
+        os.fsync = lambda _: (
+            os.kill(os.getpid(), signal.SIGKILL) if next(steps) == at else None
+        )
         work()
         os._exit(0)
     os.waitpid(child, 0)

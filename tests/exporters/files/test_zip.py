@@ -29,10 +29,14 @@ def test_load_and_restore_are_apart_and_their_sums_hold(tmp_path: Path) -> None:
         today=date(2026, 1, 1),
     )
     load, restore = (unpacked(zip_of(folder, restore=each)) for each in (False, True))
-    assert restore.keys() - {"SHA256SUMS"} == {name for name in written.files if "_RESTORE" in name}
+    assert restore.keys() - {"SHA256SUMS"} == {
+        name for name in written.files if "_RESTORE" in name
+    }
     assert load.keys() | restore.keys() == set(written.files)
     for files in (load, restore):
-        listed = dict(line.split("  ")[::-1] for line in files["SHA256SUMS"].decode().splitlines())
+        listed = dict(
+            line.split("  ")[::-1] for line in files["SHA256SUMS"].decode().splitlines()
+        )
         assert listed == {
             name: hashlib.sha256(data).hexdigest()
             for name, data in files.items()

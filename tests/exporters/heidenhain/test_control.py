@@ -116,7 +116,9 @@ def test_column_widths_are_those_of_the_control():
     assert lines[1] == own.rstrip()
     assert lines[2].index("+0.0040") == own.index("AX1")
     assert "profile-assumed.columns" not in {finding.key for finding in plan.findings}
-    assert "profile-assumed.columns" in {finding.key for finding in files_of(profile())[1].findings}
+    assert "profile-assumed.columns" in {
+        finding.key for finding in files_of(profile())[1].findings
+    }
 
 
 def test_columns_that_are_too_narrow_are_refused():
@@ -136,11 +138,16 @@ def test_the_spacing_of_old_controls_is_a_power_of_two():
         SafetyError, match=r"found 100 mm; the nearest are 52\.4288 and 104\.858 mm"
     ):
         files_of(profile("tnc4xx"))
-    fitting = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(26.2144, 26.2144, 26.2144), increments=4)
+    fitting = Volume(
+        origin_mm=(0.0, 0.0, 0.0), size_mm=(26.2144, 26.2144, 26.2144), increments=4
+    )
     which = profile_of("heidenhain", fitting)
-    which = replace(which, options=msgspec.structs.replace(which.options, generation="tnc4xx"))
+    which = replace(
+        which, options=msgspec.structs.replace(which.options, generation="tnc4xx")
+    )
     plan = HEIDENHAIN.plan(
-        curves_of(made_result({"EXX": [0.0, 1.0, 2.0, 3.0, 4.0]}, volume=fitting), ["EXX"]), which
+        curves_of(made_result({"EXX": [0.0, 1.0, 2.0, 3.0, 4.0]}, volume=fitting), ["EXX"]),
+        which,
     )
     limits = HEIDENHAIN.limits(plan.tables[0], which)
     assert (limits.points, limits.neighbour_um_mm) == (256, 15.625)
@@ -169,11 +176,13 @@ def test_damaged_and_foreign_files_are_named():
         )
 
     with pytest.raises(
-        DataError, match=r"AXIS_AX1\.COM: expected heading, rows and \[END\], found no end of file"
+        DataError,
+        match=r"AXIS_AX1\.COM: expected heading, rows and \[END\], found no end of file",
     ):
         parse(("AXIS_AX1.COM", text.replace("[END]\r\n", "")))
     with pytest.raises(
-        DataError, match=r"AXIS_AX1\.COM: expected heading, rows and \[END\], found no end of file"
+        DataError,
+        match=r"AXIS_AX1\.COM: expected heading, rows and \[END\], found no end of file",
     ):
         parse(("AXIS_AX1.COM", text.partition("\n")[0] + "\n[END]\r\n"))
     with pytest.raises(DataError, match=r"line 1: expected BEGIN <name> \.\. MM"):

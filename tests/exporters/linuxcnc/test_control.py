@@ -29,7 +29,9 @@ EXAMPLE = [4.0, 1.0, 0.0, -2.0, -5.0]
 
 def files_of(result, profile, names=FUNCTIONS):
     plan = LINUXCNC.plan(curves_of(result, names), profile)
-    return {file.name: file.data.decode() for file in LINUXCNC.render(plan.tables, profile)}, plan
+    return {
+        file.name: file.data.decode() for file in LINUXCNC.render(plan.tables, profile)
+    }, plan
 
 
 def example_profile(**machine):
@@ -45,7 +47,9 @@ def test_worked_example():
         "-200.0 -199.996 -199.996\n-100.0 -99.999 -99.999\n0.0 0.0 0.0\n100.0 99.998 "
         "99.998\n200.0 199.995 199.995\n"
     )
-    assert files["ini_lines.txt"] == "[JOINT_0]\nCOMP_FILE = screw_x.comp\nCOMP_FILE_TYPE = 0\n"
+    assert (
+        files["ini_lines.txt"] == "[JOINT_0]\nCOMP_FILE = screw_x.comp\nCOMP_FILE_TYPE = 0\n"
+    )
 
 
 def test_two_directions_in_two_columns():
@@ -53,7 +57,9 @@ def test_two_directions_in_two_columns():
     5)."""
     result = made_result({"EXX": EXAMPLE}, reversal={"EXX": [-6.0] * 5})
     files, _ = files_of(result, example_profile(direction="both"), ["EXX"])
-    rows = np.array([line.split() for line in files["screw_x.comp"].splitlines()], dtype=float)
+    rows = np.array(
+        [line.split() for line in files["screw_x.comp"].splitlines()], dtype=float
+    )
     np.testing.assert_allclose(rows[:, 2] - rows[:, 1], 0.006, atol=1e-9)
     assert rows[2, 1] == 0.0
 
@@ -96,7 +102,9 @@ def test_squareness_becomes_coefficients_and_straightness_is_said_to_stay():
         [ControlFile(name="squareness.hal", data=files["squareness.hal"].encode())],
         example_profile(),
     )
-    moved = {table.name: float(correction_um(table, np.array([400.0]))[0]) for table in tables}
+    moved = {
+        table.name: float(correction_um(table, np.array([400.0]))[0]) for table in tables
+    }
     assert moved == pytest.approx({"EXY": 8.0, "EXZ": -4.0, "EYZ": -2.0})
 
 
@@ -130,7 +138,9 @@ def test_what_the_control_would_read_in_part_is_refused(data, message):
 def test_as_few_and_as_many_rows_as_the_control_takes_are_read(count):
     """emccomp: at most 256 entries a joint; two make a line."""
     data = b"".join(b"%d.0 %d.001 %d.001\n" % (n, n, n) for n in range(count))
-    (table,) = LINUXCNC.parse([ControlFile(name="screw_x.comp", data=data)], example_profile())
+    (table,) = LINUXCNC.parse(
+        [ControlFile(name="screw_x.comp", data=data)], example_profile()
+    )
     np.testing.assert_allclose(table.value_um, np.ones(count), atol=1e-6)
 
 
@@ -168,7 +178,9 @@ def test_hal_files_hold_coefficients_only():
     )
     assert correction_um(table, np.array([100.0])) == pytest.approx([10.0])
     with pytest.raises(DataError, match=r"m\.hal: line 1: expected setp matrixkins"):
-        LINUXCNC.parse([ControlFile(name="m.hal", data=b"loadrt matrixkins\n")], example_profile())
+        LINUXCNC.parse(
+            [ControlFile(name="m.hal", data=b"loadrt matrixkins\n")], example_profile()
+        )
     with pytest.raises(DataError, match=r"m\.hal: line 1: expected a number"):
         LINUXCNC.parse(
             [ControlFile(name="m.hal", data=b"setp matrixkins.C_xy nan\n")], example_profile()
@@ -191,10 +203,14 @@ class TestBacklash:
             machine=msgspec.structs.replace(profile.machine, functions=["EXX"], **changes),
         )
 
-    def columns_um(self, profile: Profile, values: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    def columns_um(
+        self, profile: Profile, values: list[float]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """What the motor is moved by in + and in -, read back from the file."""
         control = LINUXCNC
-        tables = control.plan(curves_of(made_result({"EXX": values}), ["EXX"]), profile).tables
+        tables = control.plan(
+            curves_of(made_result({"EXX": values}), ["EXX"]), profile
+        ).tables
         read = control.parse(
             [file for file in control.render(tables, profile) if file.role == "data"], profile
         )
@@ -226,12 +242,19 @@ class TestBacklash:
         BACKLASH does not act any more."""
         result = made_result({"EXX": [0, 3, 8, 12, 20]}, reversal={"EXX": [0, 2, 2, 2, 2]})
         report = export(
-            result, "linuxcnc", self.with_backlash(8.0, direction="both"), out_dir=tmp_path / "out"
+            result,
+            "linuxcnc",
+            self.with_backlash(8.0, direction="both"),
+            out_dir=tmp_path / "out",
         )
         forward, reverse = report.tables
-        np.testing.assert_allclose(reverse.value_um - forward.value_um, [8, 6, 6, 6, 6], atol=1e-6)
+        np.testing.assert_allclose(
+            reverse.value_um - forward.value_um, [8, 6, 6, 6, 6], atol=1e-6
+        )
 
-    def test_a_second_survey_with_the_file_active_adds_the_residual_to_its_columns(self, tmp_path):
+    def test_a_second_survey_with_the_file_active_adds_the_residual_to_its_columns(
+        self, tmp_path
+    ):
         """BACKLASH was off already: its half is in the old columns, and stays there once."""
         first = self.with_backlash(8.0)
         files = LINUXCNC.render(
@@ -264,7 +287,9 @@ class TestBacklash:
             name="screw_x.comp", data=b"-200.0 -199.99 -199.99\n200.0 200.01 200.01\n"
         )
         profile = replace(self.with_backlash(8.0, measured_with="on"), existing=(old,))
-        statement = stated("on", {old.name: old.data}, date(2026, 5, 30), "copied from the machine")
+        statement = stated(
+            "on", {old.name: old.data}, date(2026, 5, 30), "copied from the machine"
+        )
         residual = replace(made_result({"EXX": [0, 1, 1, 1, 1]}), survey=statement.facts())
         report = export(residual, "linuxcnc", profile, out_dir=tmp_path / "out")
         points = np.column_stack([VOLUME.nodes_mm(0), np.zeros((5, 2))])
@@ -302,10 +327,14 @@ def test_loaded_by_its_own_steps_the_second_coefficient_holds_the_first():
     )
     existing = tuple(file for file in first if file.role == "data")
     before = LINUXCNC.standing(existing, (), own)
-    left = merged(curves_of(made_result({}, squareness={"C0Y": 1.0}), ["EYX", "EXY"]), before, own)
+    left = merged(
+        curves_of(made_result({}, squareness={"C0Y": 1.0}), ["EYX", "EXY"]), before, own
+    )
     held = replace(own, existing=existing)
     (table,) = LINUXCNC.plan(left, held).tables
-    assert np.ptp(table.value_um) / np.ptp(table.position_mm) == pytest.approx(21e-3, abs=1e-5)
+    assert np.ptp(table.value_um) / np.ptp(table.position_mm) == pytest.approx(
+        21e-3, abs=1e-5
+    )
     steps = " ".join(LINUXCNC.instructions(held))
     assert "takes the place" in steps
     assert "add the new ones" not in steps
@@ -337,7 +366,8 @@ def test_a_squareness_is_judged_over_the_travel_of_the_machine():
     be accepted."""
     profile = profile_of("linuxcnc", VOLUME)
     plan = LINUXCNC.plan(
-        fitted(LEANING, profile.machine.functions, profile.machine.squareness_into).curves, profile
+        fitted(LEANING, profile.machine.functions, profile.machine.squareness_into).curves,
+        profile,
     )
     files = [file for file in LINUXCNC.render(plan.tables, profile) if file.role == "data"]
     found = verify_files(LEANING, files, profile)
@@ -354,9 +384,12 @@ def test_no_squareness_file_where_the_control_has_no_matrixkins():
     """Debian's LinuxCNC has none: the file would be a promise that nothing keeps; `verify` does not
     miss it either."""
     profile = profile_of("linuxcnc", VOLUME)
-    profile = replace(profile, options=msgspec.structs.replace(profile.options, matrixkins=False))
+    profile = replace(
+        profile, options=msgspec.structs.replace(profile.options, matrixkins=False)
+    )
     plan = LINUXCNC.plan(
-        fitted(LEANING, profile.machine.functions, profile.machine.squareness_into).curves, profile
+        fitted(LEANING, profile.machine.functions, profile.machine.squareness_into).curves,
+        profile,
     )
     assert {table.kind for table in plan.tables} == {"comp"}
     assert "function-left-out.matrixkins" in {finding.key for finding in plan.findings}

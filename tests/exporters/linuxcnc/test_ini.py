@@ -46,11 +46,15 @@ def own(*names: str) -> list[ControlFile]:
     """The machine's own COMP_FILE of X and its coefficients, under names of its own."""
     control = controller_named("linuxcnc")
     files = control.render(
-        control.plan(curves_of(RESULT, ["EXX", "EXY"]), profile("screw")).tables, profile("screw")
+        control.plan(curves_of(RESULT, ["EXX", "EXY"]), profile("screw")).tables,
+        profile("screw"),
     )
     named = {"own_x.comp": "screw_x.comp", "own.hal": "squareness.hal"}
     return [
-        replace(file, name=name) for name in names for file in files if file.name == named[name]
+        replace(file, name=name)
+        for name in names
+        for file in files
+        if file.name == named[name]
     ]
 
 
@@ -74,7 +78,9 @@ def test_there_and_back(way, existing, before, tmp_path: Path):
         accept=["change-large"],
     )
     (lines,) = (
-        path for path in (tmp_path / "out").glob("ini_lines*.txt") if not is_restore(path.name)
+        path
+        for path in (tmp_path / "out").glob("ini_lines*.txt")
+        if not is_restore(path.name)
     )
     after = changed(before, lines.read_text(encoding="ascii"))
     acting = [
@@ -102,7 +108,9 @@ def test_there_and_back(way, existing, before, tmp_path: Path):
         key: sorted(each) for key, each in before.items()
     }
     for file in own(*existing):
-        assert (tmp_path / "out" / file.name.replace(".", "_RESTORE.")).read_bytes() == file.data
+        assert (
+            tmp_path / "out" / file.name.replace(".", "_RESTORE.")
+        ).read_bytes() == file.data
 
 
 @pytest.mark.parametrize("way", ["screw", "kinematics"])
@@ -172,7 +180,8 @@ def test_the_limits_of_the_joints_leave_room_for_the_corrections(unit, tmp_path:
     )
     before = {**INI, "[JOINT_0]": named[:2], "[JOINT_1]": named[2:]}
     before = {
-        section: [line.removeprefix("- ") for line in lines] for section, lines in before.items()
+        section: [line.removeprefix("- ") for line in lines]
+        for section, lines in before.items()
     }
     after = changed(before, there)
     for index, letter in enumerate("XY"):
@@ -196,7 +205,9 @@ def test_a_second_lattice_starts_from_the_widened_limits(tmp_path: Path):
     first = changed(
         {**INI, **LIMITED}, (tmp_path / "first" / "ini_lines.txt").read_text(encoding="ascii")
     )
-    file = ControlFile(name="lattice.csv", data=(tmp_path / "first" / "lattice.csv").read_bytes())
+    file = ControlFile(
+        name="lattice.csv", data=(tmp_path / "first" / "lattice.csv").read_bytes()
+    )
     larger = made_result(
         {"EXX": [0, 6, 16, 24, 40], "EYY": [0, -4, -10, -14, -18]}, squareness={"C0Y": 40.0}
     )
@@ -207,11 +218,16 @@ def test_a_second_lattice_starts_from_the_widened_limits(tmp_path: Path):
         out_dir=tmp_path / "second",
         accept=["change-large"],
     )
-    second = changed(first, (tmp_path / "second" / "ini_lines.txt").read_text(encoding="ascii"))
+    second = changed(
+        first, (tmp_path / "second" / "ini_lines.txt").read_text(encoding="ascii")
+    )
     assert len(second["[JOINT_0]"]) == 2, "one MIN_LIMIT and one MAX_LIMIT"
     assert second["[JOINT_0]"] != first["[JOINT_0]"]
     assert (
-        changed(second, (tmp_path / "second" / "ini_lines_RESTORE.txt").read_text(encoding="ascii"))
+        changed(
+            second,
+            (tmp_path / "second" / "ini_lines_RESTORE.txt").read_text(encoding="ascii"),
+        )
         == first
     )
 

@@ -71,7 +71,9 @@ def profile(
     text = text.replace(
         'measured_with = "off"', f'measured_with = "off"\nunits = "{units}"\n{more}'
     )
-    return parse_profile(text, "linuxcnc.toml", controller_named("linuxcnc"), VOLUME, files or {})
+    return parse_profile(
+        text, "linuxcnc.toml", controller_named("linuxcnc"), VOLUME, files or {}
+    )
 
 
 def written(folder: Path, of: Profile | None = None) -> ExportReport:
@@ -89,7 +91,9 @@ class Kins:
         self._library = ctypes.CDLL(str(own))
         self._library.stub_step.argtypes = [ctypes.c_int, ctypes.c_double, ctypes.c_long]
 
-    def load(self, path: Path, vertices: int, letters: str = "XYZ", *, inch: bool = False) -> int:
+    def load(
+        self, path: Path, vertices: int, letters: str = "XYZ", *, inch: bool = False
+    ) -> int:
         """Load the component with these parameters; 0 where it takes them."""
         addresses = [
             ctypes.c_void_p.in_dll(self._library, f"rtapi_info_address_{name}")
@@ -110,7 +114,9 @@ class Kins:
         pose, out = (ctypes.c_double * 9)(*world), (ctypes.c_double * 16)()
         flags = ctypes.c_ulong(0)
         assert (
-            self._library.kinematicsInverse(pose, out, ctypes.byref(flags), ctypes.byref(flags))
+            self._library.kinematicsInverse(
+                pose, out, ctypes.byref(flags), ctypes.byref(flags)
+            )
             == 0
         )
         return np.array(out[:joints])
@@ -119,7 +125,9 @@ class Kins:
         pose, given = (ctypes.c_double * 9)(), (ctypes.c_double * 16)(*joints)
         flags = ctypes.c_ulong(0)
         assert (
-            self._library.kinematicsForward(given, pose, ctypes.byref(flags), ctypes.byref(flags))
+            self._library.kinematicsForward(
+                given, pose, ctypes.byref(flags), ctypes.byref(flags)
+            )
             == 0
         )
         return np.array(pose)
@@ -133,8 +141,22 @@ class Kins:
         return stretches.value
 
 
-OWN_FLAGS = ("-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter", "-std=gnu11", "-O1", "-fPIC")
-LINUXCNC_FLAGS = ("-DRTAPI", "-DUSPACE", "-D_GNU_SOURCE", "-D__MODULE__", f"-isystem{HEADERS}")
+OWN_FLAGS = (
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-Wno-unused-parameter",
+    "-std=gnu11",
+    "-O1",
+    "-fPIC",
+)
+LINUXCNC_FLAGS = (
+    "-DRTAPI",
+    "-DUSPACE",
+    "-D_GNU_SOURCE",
+    "-D__MODULE__",
+    f"-isystem{HEADERS}",
+)
 MOST_STACK = 1024
 """Bytes that one function of the component may take of the stack."""
 
@@ -142,7 +164,9 @@ MOST_STACK = 1024
 def compiled(folder: Path, *more: str, counter: str | None = None) -> Path:
     """Return the component, compiled as strictly as the compiler can; ``more`` flags are not for
     what stands beside it."""
-    assert HEADERS.is_dir(), "the headers of LinuxCNC are missing: tools/debian linuxcnc-uspace-dev"
+    assert HEADERS.is_dir(), (
+        "the headers of LinuxCNC are missing: tools/debian linuxcnc-uspace-dev"
+    )
     source, own, built = (
         Path(kinematics.__file__).with_name(kinematics.SOURCE),
         folder / "component.o",
@@ -181,7 +205,9 @@ def kins(tmp_path: Path, library: Path) -> Kins:
 
 
 @pytest.fixture(scope="module")
-def loaded(tmp_path_factory: pytest.TempPathFactory, library: Path) -> tuple[Kins, lattice.Lattice]:
+def loaded(
+    tmp_path_factory: pytest.TempPathFactory, library: Path
+) -> tuple[Kins, lattice.Lattice]:
     """Return the component with the lattice of an export, switched on, and the lattice as we read
     it."""
     folder = tmp_path_factory.mktemp("loaded")
@@ -245,11 +271,14 @@ class TestComponent:
                 assert len(weights) < 5000
         assert np.array_equal(kins.inverse(place), place[:3])
 
-    def test_gantries_and_other_axes_keep_their_joints(self, kins: Kins, tmp_path: Path) -> None:
+    def test_gantries_and_other_axes_keep_their_joints(
+        self, kins: Kins, tmp_path: Path
+    ) -> None:
         written(tmp_path / "out")
         held = lattice.parse(read_given([tmp_path / "out" / "lattice.csv"])[0])
         assert (
-            kins.load(tmp_path / "out" / "lattice.csv", held.vectors_um[..., 0].size, "XYYZA") == 0
+            kins.load(tmp_path / "out" / "lattice.csv", held.vectors_um[..., 0].size, "XYYZA")
+            == 0
         )
         kins.step(True, 1e9, 1_000_000_000)
         x, y1, y2, z, a = kins.inverse([10.0, 20.0, 30.0, 45.0, 0, 0, 0, 0, 0], joints=5)
@@ -272,7 +301,9 @@ class TestComponent:
         assert b"inch=1" in (tmp_path / "out" / "ini_lines.txt").read_bytes()
         held = lattice.parse(read_given([tmp_path / "out" / "lattice.csv"])[0])
         assert (
-            kins.load(tmp_path / "out" / "lattice.csv", held.vectors_um[..., 0].size, inch=True)
+            kins.load(
+                tmp_path / "out" / "lattice.csv", held.vectors_um[..., 0].size, inch=True
+            )
             == 0
         )
         kins.step(True, 1e9, 1_000_000_000)
@@ -381,8 +412,12 @@ class TestDamage:
 
     @few(30, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(cut=st.floats(0.0, 1.0, exclude_max=True))
-    def test_cut_off_anywhere(self, kins: Kins, tmp_path: Path, whole: bytes, cut: float) -> None:
-        assert self.refused(kins, tmp_path, whole[: int(len(whole) * cut)], whole.count(b"\n") - 1)
+    def test_cut_off_anywhere(
+        self, kins: Kins, tmp_path: Path, whole: bytes, cut: float
+    ) -> None:
+        assert self.refused(
+            kins, tmp_path, whole[: int(len(whole) * cut)], whole.count(b"\n") - 1
+        )
 
     @pytest.mark.parametrize("less", [-1, 1, 45, 100_000, 10**9])
     def test_not_the_rows_that_the_ini_file_says(
@@ -477,17 +512,30 @@ class TestExport:
         of = replace(profile(), existing=(screw,))
         result = replace(
             RESULT,
-            errors={**RESULT.errors, "EXX": replace(RESULT.errors["EXX"], slope_identified=known)},
+            errors={
+                **RESULT.errors,
+                "EXX": replace(RESULT.errors["EXX"], slope_identified=known),
+            },
         )
         if known:
             export(result, "linuxcnc", of, out_dir=tmp_path / "files")
             return
-        with pytest.raises(SafetyError, match="EXX: the old correction holds a slope") as refused:
+        with pytest.raises(
+            SafetyError, match="EXX: the old correction holds a slope"
+        ) as refused:
             export(result, "linuxcnc", of, out_dir=tmp_path / "files")
         assert refused.value.code == "old-table-lost.slope"
-        export(result, "linuxcnc", of, accept=["old-table-lost.slope"], out_dir=tmp_path / "files")
+        export(
+            result,
+            "linuxcnc",
+            of,
+            accept=["old-table-lost.slope"],
+            out_dir=tmp_path / "files",
+        )
 
-    def test_tables_that_were_active_do_not_merge_with_a_lattice(self, tmp_path: Path) -> None:
+    def test_tables_that_were_active_do_not_merge_with_a_lattice(
+        self, tmp_path: Path
+    ) -> None:
         on = replace(profile(), machine=replace_machine(profile(), measured_with="on"))
         with pytest.raises(SafetyError, match="one lattice"):
             export(RESULT, "linuxcnc", on, out_dir=tmp_path)
@@ -500,15 +548,22 @@ class TestExport:
             ("warn_value_um = 5.0", "value-large.lattice"),
         ],
     )
-    def test_limits_hold_for_a_lattice_too(self, tmp_path: Path, limit: str, code: str) -> None:
+    def test_limits_hold_for_a_lattice_too(
+        self, tmp_path: Path, limit: str, code: str
+    ) -> None:
         text = profile_text(
             "linuxcnc",
             steps_mm=(50.0, 50.0, 50.0),
             references_mm=(-200.0, 0.0, -100.0),
             direction="mean",
         )
-        text = text.replace("joints =", 'way = "kinematics"\njoints =') + f"\n[limits]\n{limit}\n"
-        limited = parse_profile(text, "linuxcnc.toml", controller_named("linuxcnc"), VOLUME, {})
+        text = (
+            text.replace("joints =", 'way = "kinematics"\njoints =')
+            + f"\n[limits]\n{limit}\n"
+        )
+        limited = parse_profile(
+            text, "linuxcnc.toml", controller_named("linuxcnc"), VOLUME, {}
+        )
         with pytest.raises(SafetyError) as refused:
             export(RESULT, "linuxcnc", limited, out_dir=tmp_path)
         assert refused.value.code == code
@@ -545,7 +600,11 @@ class TestExport:
 
     @pytest.mark.parametrize(
         "joints",
-        ["{ X = [0], Y = [1] }", "{ X = [0], Y = [1], Z = [3] }", "{ X = [0], Y = [0], Z = [1] }"],
+        [
+            "{ X = [0], Y = [1] }",
+            "{ X = [0], Y = [1], Z = [3] }",
+            "{ X = [0], Y = [0], Z = [1] }",
+        ],
     )
     def test_joints_with_a_gap_are_refused(self, tmp_path: Path, joints: str) -> None:
         with pytest.raises(UsageError, match="joints"):

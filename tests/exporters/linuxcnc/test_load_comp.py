@@ -47,7 +47,9 @@ def own(name: str = "screw_x.comp") -> ControlFile:
 def exported(folder: Path, existing: tuple[ControlFile, ...], state: str) -> Path:
     """Return the folder of an export, with its sign test made."""
     base = profile_of("linuxcnc", VOLUME)
-    machine = msgspec.structs.replace(base.machine, measured_with=state, functions=["EXX", "EYY"])
+    machine = msgspec.structs.replace(
+        base.machine, measured_with=state, functions=["EXX", "EYY"]
+    )
     said = (
         stated("on", {file.name: file.data for file in existing}, date(2026, 6, 1), "copied")
         if state == "on"
@@ -115,7 +117,12 @@ OTHER = b"-200 -200.01 -200.01\n200 200.01 200.01\n"
             {"screw_x.comp": None, "wear.comp": OTHER},
             "[JOINT_1] names wear.comp",
         ),
-        ("COMP_FILE = screw_x.comp\nCOMP_FILE_TYPE = 1\n", "", {"screw_x.comp": None}, "TYPE 1"),
+        (
+            "COMP_FILE = screw_x.comp\nCOMP_FILE_TYPE = 1\n",
+            "",
+            {"screw_x.comp": None},
+            "TYPE 1",
+        ),
     ],
     ids=["edited", "gone", "not named", "nobody listed", "trims"],
 )

@@ -62,7 +62,8 @@ def test_a_stop_too_short_or_beside_a_row_is_no_stop() -> None:
 
 
 @pytest.mark.parametrize(
-    ("unit_mm", "word", "first"), [(1.0, "G21", "G1 X-201.000000"), (25.4, "G20", "G1 X-8.874016")]
+    ("unit_mm", "word", "first"),
+    [(1.0, "G21", "G1 X-201.000000"), (25.4, "G20", "G1 X-8.874016")],
 )
 def test_the_program_stops_beyond_both_ends_in_the_unit_of_the_machine(
     unit_mm: float, word: str, first: str

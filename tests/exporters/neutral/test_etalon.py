@@ -21,7 +21,8 @@ POINTS = grid_points_mm(VOLUME, 5)
 def drawn(seed: int, chain: str) -> Result:
     rng, along = np.random.default_rng(seed), np.linspace(0.0, 1.0, 5)
     shapes = {
-        name: 8 * rng.normal() * np.sin(np.pi * along) + (10 * along if name[1] == name[2] else 0)
+        name: 8 * rng.normal() * np.sin(np.pi * along)
+        + (10 * along if name[1] == name[2] else 0)
         for name in DISPLACEMENTS
     }
     angles = {
@@ -47,7 +48,9 @@ def test_what_goes_out_comes_back_as_the_same_machine(seed: int, chain: str) -> 
 
 
 def test_angles_that_do_not_begin_at_zero_give_their_lever_to_the_squareness() -> None:
-    text = "".join(f"[{name}]\nGridpoints = {{\n0 0\n100 0\n}}\n" for name in ("EXX", "EYY", "EZZ"))
+    text = "".join(
+        f"[{name}]\nGridpoints = {{\n0 0\n100 0\n}}\n" for name in ("EXX", "EYY", "EZZ")
+    )
     text += "[ECX]\nGridpoints = {\n0 0.000010\n100 0.000010\n}\n"
     found = etalon.parse(ControlFile(name="t.txt", data=text.encode()), "FXYZ")
     assert found.squareness["C0Y"].value == pytest.approx(
@@ -59,7 +62,8 @@ def test_angles_that_do_not_begin_at_zero_give_their_lever_to_the_squareness() -
 def test_the_example_of_the_page_is_read() -> None:
     """infosys 296430091: comments behind rows and braces, indented rows."""
     zeros = "".join(
-        f"[{name}]\nGridpoints = {{\n-280.0 0\n270.0 0\n}}\n" for name in ("EXX", "EYY", "EZZ")
+        f"[{name}]\nGridpoints = {{\n-280.0 0\n270.0 0\n}}\n"
+        for name in ("EXX", "EYY", "EZZ")
     )
     page = (
         "// Every parameter in a block\n[C0Y]\nVALUE = 0.000022355737\n[EXY]\nGridpoints = {\n   "
@@ -67,7 +71,8 @@ def test_the_example_of_the_page_is_read() -> None:
     )
     found = etalon.parse(
         ControlFile(
-            name="t.txt", data=(page + "    270.0 -0.0003162\n}  // end of EXY\n" + zeros).encode()
+            name="t.txt",
+            data=(page + "    270.0 -0.0003162\n}  // end of EXY\n" + zeros).encode(),
         ),
         "FXYZ",
     )
@@ -92,9 +97,13 @@ def test_the_example_of_the_page_is_read() -> None:
     ],
 )
 def test_damage_is_refused(old: str, new: str) -> None:
-    text = "".join(f"[{name}]\nGridpoints = {{\n0 0\n100 0\n}}\n" for name in ("EXX", "EYY", "EZZ"))
+    text = "".join(
+        f"[{name}]\nGridpoints = {{\n0 0\n100 0\n}}\n" for name in ("EXX", "EYY", "EZZ")
+    )
     with pytest.raises(DataError, match=r"t\.txt"):
-        etalon.parse(ControlFile(name="t.txt", data=text.replace(old, new, 1).encode()), "FXYZ")
+        etalon.parse(
+            ControlFile(name="t.txt", data=text.replace(old, new, 1).encode()), "FXYZ"
+        )
 
 
 def test_the_chain_is_asked() -> None:

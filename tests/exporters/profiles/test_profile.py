@@ -20,7 +20,10 @@ SIEMENS = controller_named("siemens")
 
 def siemens_text(**replaced: str) -> str:
     text = profile_text(
-        "siemens", steps_mm=(100.0, 100.0, 50.0), references_mm=(0.0, 0.0, 0.0), direction="mean"
+        "siemens",
+        steps_mm=(100.0, 100.0, 50.0),
+        references_mm=(0.0, 0.0, 0.0),
+        direction="mean",
     )
     for old, new in replaced.items():
         text = re.sub(rf"^{old} = .*$", f"{old} = {new}", text, count=1, flags=re.MULTILINE)
@@ -36,7 +39,10 @@ class TestTemplates:
             match=r"machine\.name.*machine\.measured_with.*axes\.X\.name.*axes\.Z\.reference_mm",
         ):
             parse_profile(
-                profile_template(controller_named(name)), "p.toml", controller_named(name), VOLUME
+                profile_template(controller_named(name)),
+                "p.toml",
+                controller_named(name),
+                VOLUME,
             )
 
     def test_every_commented_line_of_the_common_part_is_a_known_field(self, name):
@@ -52,16 +58,20 @@ class TestTemplates:
         text = re.sub(r"(\[axes\.(\w)\]\nname = )\"AX\"", r'\1"AX\2"', text)
         machine = MACHINES[name]
         profile = parse_profile(
-            text + "\n" + machine.section, "p.toml", controller_named(name), VOLUME, machine.files
+            text + "\n" + machine.section,
+            "p.toml",
+            controller_named(name),
+            VOLUME,
+            machine.files,
         )
         assert profile.axis("Y").name == "AXY"
 
     def test_every_commented_option_is_a_known_field(self, name):
         controller = controller_named(name)
         lines = [line.removeprefix("# ") for line in controller.options_template.splitlines()]
-        section = tomllib.loads("\n".join(line for line in lines if re.match(r"\[|\w+ = ", line)))[
-            name
-        ]
+        section = tomllib.loads(
+            "\n".join(line for line in lines if re.match(r"\[|\w+ = ", line))
+        )[name]
         assert set(section) <= {
             field.encode_name for field in msgspec.structs.fields(controller.options)
         }
@@ -76,7 +86,11 @@ class TestMessages:
                 '"maybe"',
                 r"p\.toml: machine\.measured_with: expected .*off.*found \"maybe\"",
             ),
-            ("step_mm", '"wide"', r"p\.toml: axes\.X\.step_mm: expected a number.*found \"wide\""),
+            (
+                "step_mm",
+                '"wide"',
+                r"p\.toml: axes\.X\.step_mm: expected a number.*found \"wide\"",
+            ),
             ("step_mm", "0.0", r"p\.toml: axes\.X\.step_mm"),
             ("step_mm", "nan", r"p\.toml: axes\.X\.step_mm"),
             ("reference_mm", "inf", r"p\.toml: axes\.X\.reference_mm"),
@@ -111,7 +125,11 @@ class TestMessages:
                 "mesuring_system",
                 r"siemens\.mesuring_system.*did you mean measuring_system",
             ),
-            ("reference_mm", "referenz_mm", r"axes\.X\.referenz_mm.*did you mean reference_mm"),
+            (
+                "reference_mm",
+                "referenz_mm",
+                r"axes\.X\.referenz_mm.*did you mean reference_mm",
+            ),
             ("[siemens]", "[simens]", r"simens.*did you mean siemens"),
             (
                 "measured_with",

@@ -79,7 +79,8 @@ class TestBlock:
         assert words[10:] == (2000, 2000, 10132, 500)
 
     @pytest.mark.parametrize(
-        ("stopped", "in_position", "bit"), [(True, True, 1), (True, False, 0), (False, True, 0)]
+        ("stopped", "in_position", "bit"),
+        [(True, True, 1), (True, False, 0), (False, True, 0)],
     )
     def test_is_stopped_only_in_position(
         self, served: tuple[Pins, int], stopped: bool, in_position: bool, bit: int
@@ -96,7 +97,13 @@ class TestBlock:
         """The output stays set where a program was aborted at a stop: the jog that follows would
         count as this stop."""
         status = COMPONENT.linuxcnc.stat()
-        pins = {"setup": 1.0, "count": 3.0, "stopped": True, "in-position": True, **COMPONENT.USUAL}
+        pins = {
+            "setup": 1.0,
+            "count": 3.0,
+            "stopped": True,
+            "in-position": True,
+            **COMPONENT.USUAL,
+        }
         pins |= {f"position-{axis}": 0.0 for axis in "xyz"}
         status.interp_state, before = state, status.interp_state
         try:
@@ -105,7 +112,8 @@ class TestBlock:
             status.interp_state = before
 
     @pytest.mark.parametrize(
-        "request_", [struct.pack(">BHH", 6, 100, 41), struct.pack(">BHHBH", 16, 100, 1, 2, 41)]
+        "request_",
+        [struct.pack(">BHH", 6, 100, 41), struct.pack(">BHHBH", 16, 100, 1, 2, 41)],
     )
     def test_takes_the_answer_of_the_handshake(
         self, served: tuple[Pins, int], request_: bytes
@@ -152,7 +160,9 @@ class TestConnections:
         assert first == second
 
     @settings(
-        max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+        max_examples=60,
+        deadline=None,
+        suppress_health_check=[HealthCheck.function_scoped_fixture],
     )
     @given(noise=st.binary(min_size=1, max_size=400))
     def test_whatever_is_sent_the_next_one_is_served(

@@ -51,11 +51,16 @@ def commanded(sequence: Sequence, setup: str) -> np.ndarray:
 
 @pytest.mark.parametrize("control", CONTROLS)
 @pytest.mark.parametrize(
-    ("repeats", "named"), [(1, b"axis order yzx"), (2, b"axis order yzx zxy"), (3, b"yzx zxy xyz")]
+    ("repeats", "named"),
+    [(1, b"axis order yzx"), (2, b"axis order yzx zxy"), (3, b"yzx zxy xyz")],
 )
 def test_a_program_names_the_orders_that_it_drives(control, repeats, named):
     sequence = replace(
-        PLAIN, setups=("ppp",), repeats=repeats, axis_orders=("yzx", "zxy", "xyz"), overrun_mm=0.0
+        PLAIN,
+        setups=("ppp",),
+        repeats=repeats,
+        axis_orders=("yzx", "zxy", "xyz"),
+        overrun_mm=0.0,
     )
     (program,) = nc_programs(sequence, control)
     (line,) = [line for line in program.data.splitlines() if b"axis order" in line.lower()]
@@ -137,11 +142,27 @@ LEFT = [
         {"$AA_IM2": 250.0, "$AA_IB2": 249.0},
         "Stopped: machine and basic position differ, a transformation is active",
     ),
-    ("heidenhain", {"ID210 NR6": -1.0}, "stopped: the working plane is tilted, PLANE RESET first"),
+    (
+        "heidenhain",
+        {"ID210 NR6": -1.0},
+        "stopped: the working plane is tilted, PLANE RESET first",
+    ),
     ("heidenhain", {"ID280 NR1": -1.0}, "stopped: M128 is active, M129 first"),
-    ("heidenhain", {"ID210 NR2": 12.5}, "stopped: a rotation is active, reset cycle 10 first"),
-    ("heidenhain", {"ID210 NR3": 1.0}, "stopped: a mirror image is active, reset cycle 8 first"),
-    ("heidenhain", {"ID210 NR4 IDX3": 0.5}, "stopped: a scaling is active, reset cycle 11 first"),
+    (
+        "heidenhain",
+        {"ID210 NR2": 12.5},
+        "stopped: a rotation is active, reset cycle 10 first",
+    ),
+    (
+        "heidenhain",
+        {"ID210 NR3": 1.0},
+        "stopped: a mirror image is active, reset cycle 8 first",
+    ),
+    (
+        "heidenhain",
+        {"ID210 NR4 IDX3": 0.5},
+        "stopped: a scaling is active, reset cycle 11 first",
+    ),
 ]
 
 
@@ -159,7 +180,9 @@ def test_what_was_left_active_stops_the_program_by_name_before_the_first_move(
 @pytest.mark.parametrize(
     ("control", "checks"), [("fanuc", 4), ("siemens", 1), ("heidenhain", 7), ("linuxcnc", 0)]
 )
-def test_a_program_says_what_it_checks_and_what_it_cannot_see(control: str, checks: int) -> None:
+def test_a_program_says_what_it_checks_and_what_it_cannot_see(
+    control: str, checks: int
+) -> None:
     """Once a program, and the header has it in words; offsets that a block leaves out by itself
     stop nothing."""
     harmless = {"fanuc": {"#5021": 12.5, "#5041": 12.5}, "siemens": {"$AA_IW1": 12.5}}.get(
@@ -199,7 +222,9 @@ def test_the_handshake_holds_every_stop_until_its_counter_is_captured(control: s
         end="FN 20: WAIT FOR SYNC\nFN 19: PLC=+0/+0",
     )
     signals = heidenhain if control == "heidenhain" else None
-    walk = walks(replace(PLAIN, setups=("ppp",), handshake=True), control, signals=signals)["ppp"]
+    walk = walks(replace(PLAIN, setups=("ppp",), handshake=True), control, signals=signals)[
+        "ppp"
+    ]
     assert all(stand.waited for stand in walk.stands)
     assert not any(stand.waited for stand in walks(PLAIN, control)["ppp"].stands)
 
@@ -213,7 +238,9 @@ def test_the_handshake_holds_every_stop_until_its_counter_is_captured(control: s
         ("linuxcnc", ["step_ppp.ngc", "step_npp.ngc", "step_ppp_1.ngc", "step_linear_x.ngc"]),
     ],
 )
-def test_the_operator_is_told_the_name_that_the_file_has(control: str, names: list[str]) -> None:
+def test_the_operator_is_told_the_name_that_the_file_has(
+    control: str, names: list[str]
+) -> None:
     """Issue 7 sends the operator to program O8002 for npp."""
     sequence = replace(PLAIN, setups=("ppp", "npp", "ppp+1", "linear-x"))
     assert [program.name for program in nc_programs(sequence, control)] == names
@@ -239,9 +266,15 @@ def test_a_position_that_the_control_would_round_is_refused() -> None:
     [
         ({"feed_mm_min": 0.0}, r"plan\.feed_mm_min: expected a number above 0, found 0\.0"),
         ({"dwell_s": float("nan")}, r"plan\.dwell_s: expected a number above 0, found nan"),
-        ({"overrun_mm": -1.0}, r"plan\.overrun_mm: expected a number of 0 or above, found -1\.0"),
+        (
+            {"overrun_mm": -1.0},
+            r"plan\.overrun_mm: expected a number of 0 or above, found -1\.0",
+        ),
         ({"repeats": 0}, r"plan\.repeats: expected 1 or more, found 0"),
-        ({"axis_order": "xxy"}, r"volume\.axis_order: expected each of x, y, z once, found 'xxy'"),
+        (
+            {"axis_order": "xxy"},
+            r"volume\.axis_order: expected each of x, y, z once, found 'xxy'",
+        ),
         (
             {"setups": ("ppq",)},
             r"plan\.setups: expected one of ppp, .*, found 'ppq'; did you mean 'ppp'",
@@ -272,7 +305,8 @@ def test_what_only_the_builder_knows_is_asked() -> None:
     ):
         nc_programs(PLAIN, "okuma")
     with pytest.raises(
-        UsageError, match=r"program\.stand: expected only \{count\} and \{setup\}, found \{stop\}"
+        UsageError,
+        match=r"program\.stand: expected only \{count\} and \{setup\}, found \{stop\}",
     ):
         Signals(begin="", stand="M{stop}", leave="", wait="", end="")
     with pytest.raises(UsageError, match=r"program\.begin: expected text with"):
@@ -330,7 +364,9 @@ def test_a_run_that_commissions_the_head_jogs_at_both_ends_and_stops_where_it_di
 ) -> None:
     """Stops, counters and setup are those of the plain run; five places of each other axis, all
     come to from below, at both ends."""
-    plain = replace(PLAIN, volume=replace(VOLUME, increments=n), setups=("fourdof-y", "fourdof-x"))
+    plain = replace(
+        PLAIN, volume=replace(VOLUME, increments=n), setups=("fourdof-y", "fourdof-x")
+    )
     before, after = (
         walks(replace(plain, commission=commission), control) for commission in (False, True)
     )
@@ -342,7 +378,9 @@ def test_a_run_that_commissions_the_head_jogs_at_both_ends_and_stops_where_it_di
         for end in (0.0, VOLUME.size_mm[axis]):
             here = beside[beside[:, axis] == end][:, others]
             for across in range(2):
-                places = here[(here[:, 1 - across] == 0.0) & (here[:, across] != 0.0)][:, across]
+                places = here[(here[:, 1 - across] == 0.0) & (here[:, across] != 0.0)][
+                    :, across
+                ]
                 assert places.tolist() == [-0.3, -0.15, 0.15, 0.3]
         sideways = np.diff(beside[:, others], axis=0)
         to_lead = (beside[1:, others] == -0.4).all(axis=1)
@@ -351,11 +389,14 @@ def test_a_run_that_commissions_the_head_jogs_at_both_ends_and_stops_where_it_di
 
 
 @pytest.mark.parametrize("control", CONTROLS)
-def test_the_operator_is_asked_to_wobble_twice_and_to_block_the_beam_once(control: str) -> None:
+def test_the_operator_is_asked_to_wobble_twice_and_to_block_the_beam_once(
+    control: str,
+) -> None:
     (program,) = nc_programs(replace(PLAIN, setups=("fourdof-z",), commission=True), control)
     said = program.data.decode().lower()
     assert [
-        said.count(words) for words in ("wobble the pointing", "block the beam", "free the beam")
+        said.count(words)
+        for words in ("wobble the pointing", "block the beam", "free the beam")
     ] == [2, 1, 1]
     (plain,) = nc_programs(replace(PLAIN, setups=("ppp",), commission=True), control)
     assert plain.data == nc_programs(replace(PLAIN, setups=("ppp",)), control)[0].data
@@ -366,5 +407,7 @@ def test_jogs_beyond_the_travel_are_refused() -> None:
     nc_programs(replace(PLAIN, setups=("fourdof-y",)), "siemens", travel_mm=limits)
     with pytest.raises(SafetyError, match=r"-100\.4"):
         nc_programs(
-            replace(PLAIN, setups=("fourdof-y",), commission=True), "siemens", travel_mm=limits
+            replace(PLAIN, setups=("fourdof-y",), commission=True),
+            "siemens",
+            travel_mm=limits,
         )

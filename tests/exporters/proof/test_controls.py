@@ -55,7 +55,11 @@ def driven(values, moved_um, dice):
             ]
     setup, number, stop, place, value = zip(*rows, strict=True)
     return make_readings(
-        setup=setup, pass_number=number, stop=stop, position_mm=np.array(place), reading_mm=value
+        setup=setup,
+        pass_number=number,
+        stop=stop,
+        position_mm=np.array(place),
+        reading_mm=value,
     )
 
 
@@ -84,8 +88,15 @@ def test_right_files_are_kept_and_turned_or_idle_ones_restored(name: str, tmp_pa
 
     before = driven(values, lambda points, _: 0.0 * points, dice)
     acting, replaced = acting_in(result, control, files, settled)
-    for factor, action in ((1.0, "keep"), (-1.0, "restore"), (0.0, "restore"), (0.5, "restore")):
-        after = driven(values, lambda points, way, by=factor: by * moved_um(points, way), dice)
+    for factor, action in (
+        (1.0, "keep"),
+        (-1.0, "restore"),
+        (0.0, "restore"),
+        (0.5, "restore"),
+    ):
+        after = driven(
+            values, lambda points, way, by=factor: by * moved_um(points, way), dice
+        )
         found = prove(result, before, after, acting, replaced)
         assert found.action == action, (factor, found)
         assert all(abs(each.factor - factor) < 5.0 * each.u + 0.05 for each in found.tables)

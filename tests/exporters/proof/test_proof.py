@@ -78,7 +78,9 @@ class Rig:
             for number in range(1, 2 * repeats + 1):
                 at = out if number % 2 else out[::-1]
                 moves = np.cumsum(np.diff(at, axis=0, prepend=at[:1]) != 0.0, axis=0)
-                misses = misses_um * self.dice.normal(size=at.shape) if misses_um else 0.0 * at
+                misses = (
+                    misses_um * self.dice.normal(size=at.shape) if misses_um else 0.0 * at
+                )
                 error = np.take_along_axis(misses, moves, axis=0)
                 for name, values in self.values.items():
                     nodes = np.linspace(0.0, 1.0, 11)
@@ -90,7 +92,9 @@ class Rig:
                             "XYZ".index(names.get(axis, axis)) for axis in (name[2], name[1])
                         )
                         held = np.interp(
-                            np.minimum(at[:, into], SIZE[moving]) / SIZE[moving], nodes, values
+                            np.minimum(at[:, into], SIZE[moving]) / SIZE[moving],
+                            nodes,
+                            values,
                         )
                         error[:, onto] -= shares[name] * held
                 across = lean - (lean @ along) * along
@@ -128,7 +132,9 @@ def test_each_state_of_a_table_a_kind_and_all_is_named(names, factor):
         tables,
     )
     for each in found.tables:
-        assert each.code == (CODES.get(factor, "right") if each.function in names else "right")
+        assert each.code == (
+            CODES.get(factor, "right") if each.function in names else "right"
+        )
         assert abs(each.factor - (factor if each.function in names else 1.0)) < 5.0 * each.u
     assert found.action == ("keep" if factor == 1.0 else "restore")
 
@@ -136,7 +142,9 @@ def test_each_state_of_a_table_a_kind_and_all_is_named(names, factor):
 def test_two_axes_taken_for_each_other_are_named():
     rig = Rig(5)
     tables = rig.tables()
-    found = prove(RESULT, rig.readings({}, repeats=1), rig.readings(ALL, swapped="XY"), tables)
+    found = prove(
+        RESULT, rig.readings({}, repeats=1), rig.readings(ALL, swapped="XY"), tables
+    )
     assert found.action == "restore"
     assert {each.code for each in found.tables if each.function != "EZZ"} == {"axes-swapped"}
 
@@ -174,7 +182,9 @@ def test_what_stays_open_names_the_setup_that_decides_it():
         [each.function for each in found.tables if each.state == "undecided"],
         found.further,
     ) == (["EZZ"], ("linear-z",))
-    more = prove(known, before, rig.readings(ALL, setups=(*SETUPS, *found.further)), rig.tables())
+    more = prove(
+        known, before, rig.readings(ALL, setups=(*SETUPS, *found.further)), rig.tables()
+    )
     assert "EZZ" not in [each.function for each in more.tables if each.state != "right"]
 
 
@@ -225,7 +235,9 @@ def test_a_run_along_other_stops_proves_nothing():
     with pytest.raises(DataError, match="its stops"):
         prove(
             RESULT,
-            replace(before, position_mm=before.position_mm + 20.0 * (before.stop[:, None] > 2)),
+            replace(
+                before, position_mm=before.position_mm + 20.0 * (before.stop[:, None] > 2)
+            ),
             after,
             [rig.table("EXX")],
         )
@@ -277,7 +289,9 @@ def test_the_plan_fills_ten_minutes_and_foresees_every_table():
     assert all(each.expanded_um < each.seen_um for each in plan.foreseen)
     once = replace(driven, runs=tuple(replace(run, alternate=True) for run in driven.runs))
     assert plan.repeats > 1, "another repeat would drive an order without readings"
-    assert plan_proof(RESULT, rig.readings({}, repeats=1), once, rig.tables(), 10.0).repeats == 1
+    assert (
+        plan_proof(RESULT, rig.readings({}, repeats=1), once, rig.tables(), 10.0).repeats == 1
+    )
     lines, readings = replace(driven, runs=driven.runs[1:]), rig.readings({}, repeats=1)
     with pytest.raises(DataError, match="body diagonal"):
         plan_proof(RESULT, readings, lines, [rig.table("EXX")], 10.0)

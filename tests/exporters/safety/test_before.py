@@ -22,7 +22,9 @@ NAMED = [*BEFORE, "linuxcnc"]
 def machine(name: str, *, on: bool = False) -> tuple[Profile, list[ControlFile]]:
     """Return the profile of a control that holds the tables of `OLD`, and its files."""
     control, base = controller_named(name), profile_of(name, VOLUME)
-    files = control.render(control.plan(curves_of(made_result(OLD), list(OLD)), base).tables, base)
+    files = control.render(
+        control.plan(curves_of(made_result(OLD), list(OLD)), base).tables, base
+    )
     data = [file for file in files if file.role == "data"]
     state = msgspec.structs.replace(base.machine, measured_with="on" if on else "off")
     return replace(base, existing=tuple(data), machine=state), data
@@ -51,7 +53,9 @@ def test_other_contents_are_named_with_their_table(name: str) -> None:
     edited = control.render(control.plan(curves_of(other, list(OLD)), base).tables, base)
     held = [file for file in edited if file.role == "data"]
     found = compare_before(control, held, profile)
-    assert [each.code for each in found.findings] == ["read-back-differs"] * len(found.findings)
+    assert [each.code for each in found.findings] == ["read-back-differs"] * len(
+        found.findings
+    )
     assert found.findings
     assert all("EYY" in each.text or "Y" in each.text for each in found.findings)
 

@@ -47,26 +47,37 @@ ACCEPT = ("change-large", "correction-small.uncertainty")
 def profile(state: str = "off", existing: tuple[ControlFile, ...] = ()) -> Profile:
     made = profile_of("siemens", VOLUME)
     return replace(
-        made, machine=msgspec.structs.replace(made.machine, measured_with=state), existing=existing
+        made,
+        machine=msgspec.structs.replace(made.machine, measured_with=state),
+        existing=existing,
     )
 
 
 def tables_for(errors: dict[str, list[float]]) -> tuple[ControlFile, ...]:
     control = controller_named("siemens")
-    return control.render(control.plan(curves_of(made_result(errors)), profile()).tables, profile())
+    return control.render(
+        control.plan(curves_of(made_result(errors)), profile()).tables, profile()
+    )
 
 
 def data_of(files: tuple[ControlFile, ...]) -> tuple[ControlFile, ...]:
     return tuple(file for file in files if file.name.endswith(".INI"))
 
 
-def summed(one: dict[str, list[float]], other: dict[str, list[float]]) -> dict[str, list[float]]:
+def summed(
+    one: dict[str, list[float]], other: dict[str, list[float]]
+) -> dict[str, list[float]]:
     return {name: list(np.add(one[name], other[name])) for name in one}
 
 
 FIRST = tables_for(MACHINE)
 OTHER = data_of(tables_for(WORN))
-GIVEN = {"none": (), "right": data_of(FIRST), "one of two": data_of(FIRST)[:1], "others": OTHER}
+GIVEN = {
+    "none": (),
+    "right": data_of(FIRST),
+    "one of two": data_of(FIRST)[:1],
+    "others": OTHER,
+}
 STATEMENTS = {
     "off": Statement(state="off"),
     "on": stated("on", {file.name: file.data for file in data_of(FIRST)}, TODAY, "archive"),
@@ -81,7 +92,10 @@ def errs_um(control: SiemensControl) -> float:
     from stepdiag.base.result.field import error_field_um, without_rigid_motion
 
     moved = sum(
-        (1000.0 * table.correction_mm(POINTS, np.ones(POINTS.shape)) for table in control.tables()),
+        (
+            1000.0 * table.correction_mm(POINTS, np.ones(POINTS.shape))
+            for table in control.tables()
+        ),
         np.zeros(POINTS.shape),
     )
     left = error_field_um(made_result(summed(MACHINE, WORN)), POINTS) + moved
@@ -111,7 +125,9 @@ def test_no_combination_makes_the_machine_worse_unseen(truly, said, tmp_path):
     (today 4.25 -> 5.91 µm)."""
     before = errs_um(loaded(()))
     written = 0
-    for number, (state, given) in enumerate([*product(["off", "on"], GIVEN), ("quick", "none")]):
+    for number, (state, given) in enumerate(
+        [*product(["off", "on"], GIVEN), ("quick", "none")]
+    ):
         out = tmp_path / str(number)
         chosen = None if state == "quick" else profile(state, GIVEN[given])
         try:
@@ -134,7 +150,9 @@ def test_no_combination_makes_the_machine_worse_unseen(truly, said, tmp_path):
             if path.suffix == ".MPF" and "_RESTORE" not in path.name
         ]
         after = errs_um(
-            loaded(tuple(ControlFile(name=path.name, data=path.read_bytes()) for path in names))
+            loaded(
+                tuple(ControlFile(name=path.name, data=path.read_bytes()) for path in names)
+            )
         )
         assert after <= before, (state, given)
         assert after < 0.6
@@ -148,7 +166,9 @@ class TestStatement:
         assert stated_in(result) == said
         assert said.words().startswith("on: AX_EEC.INI sha256 ")
 
-    def test_readings_have_no_survey_to_say_it_and_a_survey_that_does_not_leaves_it_open(self):
+    def test_readings_have_no_survey_to_say_it_and_a_survey_that_does_not_leaves_it_open(
+        self,
+    ):
         assert stated_in(made_result()).state is None
         assert stated_in(replace(made_result(), survey=Facts(machine="m"))).state == "?"
 

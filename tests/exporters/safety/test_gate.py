@@ -21,7 +21,9 @@ from stepdiag.exporters.tables.curves import curves_of
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
 
-RESULT = made_result({"EXX": [0, 3, 8, 12, 20], "EYX": [0, 1.5, 2, 1, 0]}, squareness={"C0Y": 20.0})
+RESULT = made_result(
+    {"EXX": [0, 3, 8, 12, 20], "EYX": [0, 1.5, 2, 1, 0]}, squareness={"C0Y": 20.0}
+)
 
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
@@ -29,8 +31,12 @@ def test_what_every_controller_writes_passes(name):
     controller, profile = controller_named(name), profile_of(name, VOLUME)
     plan = controller.plan(curves_of(RESULT, profile.machine.functions), profile)
     settled = replace(profile, options=plan.options or profile.options)
-    files = controller.render(plan.tables, settled, ["UNTESTED SIGN"] if name != "fanuc" else [])
-    require_clean([*files, *restore_files(controller, plan.tables, settled)], profile.existing)
+    files = controller.render(
+        plan.tables, settled, ["UNTESTED SIGN"] if name != "fanuc" else []
+    )
+    require_clean(
+        [*files, *restore_files(controller, plan.tables, settled)], profile.existing
+    )
 
 
 @pytest.mark.parametrize(
@@ -66,7 +72,9 @@ def test_what_a_control_could_misread_is_refused_with_its_line(text):
         (LinuxCnc, b"0.0 0.008 0.008", b"-150.0 -149.992 -149.992"),
     ],
 )
-def test_nothing_is_written_of_a_text_that_went_wrong(control, old, new, tmp_path, monkeypatch):
+def test_nothing_is_written_of_a_text_that_went_wrong(
+    control, old, new, tmp_path, monkeypatch
+):
     """A renderer that errs: no number, a power of ten, another number, one beyond the limits,
     positions that fall."""
     rendered = control.render
@@ -86,7 +94,9 @@ def test_nothing_is_written_of_a_text_that_went_wrong(control, old, new, tmp_pat
 
 def test_a_table_beyond_the_travel_is_refused(tmp_path):
     profile = profile_of("siemens", VOLUME)
-    axes = profile.axes | {"X": msgspec.structs.replace(profile.axes["X"], travel_mm=(0.0, 200.0))}
+    axes = profile.axes | {
+        "X": msgspec.structs.replace(profile.axes["X"], travel_mm=(0.0, 200.0))
+    }
     with pytest.raises(SafetyError) as refusal:
         export(RESULT, "siemens", replace(profile, axes=axes), out_dir=tmp_path / "out")
     assert refusal.value.code == "beyond-travel"

@@ -28,7 +28,9 @@ def named(machine: str) -> Result:
 def test_one_machine_however_it_is_written(machine: str, tmp_path: Path) -> None:
     """Case and spaces are no other machine; a survey that names none says nothing."""
     result = named(machine)
-    assert export(result, "neutral", profile_of("neutral", result.volume), out_dir=tmp_path).files
+    assert export(
+        result, "neutral", profile_of("neutral", result.volume), out_dir=tmp_path
+    ).files
 
 
 def test_another_machine_is_refused_with_both_names(tmp_path: Path) -> None:
@@ -38,6 +40,8 @@ def test_another_machine_is_refused_with_both_names(tmp_path: Path) -> None:
         export(result, "neutral", profile, out_dir=tmp_path)
     assert list(tmp_path.iterdir()) == []
     written = export(named("test machine"), "neutral", profile, out_dir=tmp_path / "files")
-    given = read_given([written.out_dir / name for name in written.files if name.endswith(".csv")])
+    given = read_given(
+        [written.out_dir / name for name in written.files if name.endswith(".csv")]
+    )
     with pytest.raises(SafetyError, match="mill 7"):
         verify_files(result, given, profile)

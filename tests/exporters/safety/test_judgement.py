@@ -72,7 +72,9 @@ def changed(tables: list[Table], name: str, **changes: object) -> list[Table]:
     return [replace(table, **changes) if table.name == name else table for table in tables]
 
 
-def verdict_on(name: str, tables: list[Table], profile: Profile, result: Result = RESULT) -> str:
+def verdict_on(
+    name: str, tables: list[Table], profile: Profile, result: Result = RESULT
+) -> str:
     by_name = {each.function: each for each in judged_as(result, tables, [], profile)}
     others = {each.code for key, each in by_name.items() if key != name}
     assert others <= {"right"}, others
@@ -91,7 +93,9 @@ def test_what_an_export_writes_is_right(name, fold):
         ),
     )
     tables, settled = tables_of(name, profile=profile)
-    files = [file for file in controller_named(name).render(tables, settled) if file.role == "data"]
+    files = [
+        file for file in controller_named(name).render(tables, settled) if file.role == "data"
+    ]
     found = verify_files(RESULT, files, settled)
     assert {each.code for each in found.judgements} == {"right"}
     assert found.right
@@ -114,7 +118,9 @@ class TestMistakes:
         wrong = changed(tables, function, value_um=factor * table.value_um)
         assert verdict_on(function, wrong, profile) == "scaled"
         judged = next(
-            each for each in judged_as(RESULT, wrong, [], profile) if each.function == function
+            each
+            for each in judged_as(RESULT, wrong, [], profile)
+            if each.function == function
         )
         assert judged.factor == pytest.approx(factor, rel=0.2)
 
@@ -135,7 +141,10 @@ class TestMistakes:
         tables, profile = tables_of()
         (table,) = (table for table in tables if table.name == function)
         waves = 12.0 * np.cos(np.linspace(0.0, 14.0, len(table.position_mm)))
-        assert verdict_on(function, changed(tables, function, value_um=waves), profile) == "unlike"
+        assert (
+            verdict_on(function, changed(tables, function, value_um=waves), profile)
+            == "unlike"
+        )
 
 
 @pytest.mark.parametrize(
@@ -169,9 +178,9 @@ def test_a_table_for_the_encoder_that_is_not_in_use():
 def test_zeros_alone_correct_nothing_and_harm_nothing():
     """Restore files of a control that held no table."""
     tables, profile = tables_of()
-    assert codes([replace(table, value_um=0.0 * table.value_um) for table in tables], profile) == {
-        "empty"
-    }
+    assert codes(
+        [replace(table, value_um=0.0 * table.value_um) for table in tables], profile
+    ) == {"empty"}
 
 
 def verified(tables: list[Table], profile: Profile, result: Result = RESULT) -> Verification:
@@ -215,13 +224,18 @@ def test_the_cross_tables_of_a_set_forgotten():
     assert not found.right
     assert found.judgements[-1].as_json()["kind"] is None
     files = [
-        file for file in controller_named("siemens").render(eec, profile) if file.role == "data"
+        file
+        for file in controller_named("siemens").render(eec, profile)
+        if file.role == "data"
     ]
     assert {
-        each.function for each in verify_files(RESULT, files).judgements if each.code == "missing"
+        each.function
+        for each in verify_files(RESULT, files).judgements
+        if each.code == "missing"
     } == missing
     few = replace(
-        profile, machine=msgspec.structs.replace(profile.machine, functions=["EXX", "EYY", "EZZ"])
+        profile,
+        machine=msgspec.structs.replace(profile.machine, functions=["EXX", "EYY", "EZZ"]),
     )
     assert verified(eec, few).right
 
@@ -230,7 +244,9 @@ def test_a_function_that_asks_for_nothing_is_not_missing():
     """A straightness below rounding, or below its own uncertainty, needs no table."""
     for small, u_um in (([0, 0.1, -0.1, 0.1, 0], 0.05), ([0, 1.0, -1.0, 1.0, 0], 1.0)):
         result = made_result(
-            {**ERRORS, "EYX": small}, squareness={"C0Y": 15.0, "B0Z": -12.0, "A0Z": 11.0}, u_um=u_um
+            {**ERRORS, "EYX": small},
+            squareness={"C0Y": 15.0, "B0Z": -12.0, "A0Z": 11.0},
+            u_um=u_um,
         )
         tables, profile = tables_of(result=result)
         found = verified([table for table in tables if table.name != "EYX"], profile, result)
@@ -320,14 +336,17 @@ def test_old_and_new_together_are_right_after_a_survey_with_the_old_one_active()
 
 
 @pytest.mark.parametrize(
-    ("factor", "code"), [(1.0, "right"), (-1.0, "sign-turned"), (10.0, "scaled"), (0.1, "scaled")]
+    ("factor", "code"),
+    [(1.0, "right"), (-1.0, "sign-turned"), (10.0, "scaled"), (0.1, "scaled")],
 )
 def test_products(factor, code):
     """A pitch of X lifts Z by x's angle times the lever along y: only a product of two tables holds
     it."""
     roll = np.array([0.0, 30.0, -20.0, 10.0, 40.0])
     result = made_result(ERRORS)
-    result.errors["EAX"] = replace(result.errors["EXX"], value=roll, u=np.full(5, 0.1), unit="urad")
+    result.errors["EAX"] = replace(
+        result.errors["EXX"], value=roll, u=np.full(5, 0.1), unit="urad"
+    )
     product = fitted(result).products[0]
     half = product.half_mm
     axis = "XYZ".index(product.by_axis)
@@ -352,9 +371,13 @@ def test_products(factor, code):
 def test_limits_are_applied_to_files_from_anywhere():
     """A file that is right but beyond the control's own limits is not to be loaded."""
     tables, profile = tables_of()
-    profile = replace(profile, options=msgspec.structs.replace(profile.options, cec_tables_held=5))
+    profile = replace(
+        profile, options=msgspec.structs.replace(profile.options, cec_tables_held=5)
+    )
     files = [
-        file for file in controller_named("siemens").render(tables, profile) if file.role == "data"
+        file
+        for file in controller_named("siemens").render(tables, profile)
+        if file.role == "data"
     ]
     found = verify_files(RESULT, files, profile)
     assert "control-full.tables" in {finding.key for finding in found.findings}
@@ -363,7 +386,13 @@ def test_limits_are_applied_to_files_from_anywhere():
 
 @pytest.mark.parametrize(
     ("factor", "code"),
-    [(1.0, "right"), (0.0, "empty"), (-1.0, "sign-turned"), (10.0, "scaled"), (0.1, "scaled")],
+    [
+        (1.0, "right"),
+        (0.0, "empty"),
+        (-1.0, "sign-turned"),
+        (10.0, "scaled"),
+        (0.1, "scaled"),
+    ],
 )
 def test_a_lattice_of_another_size_or_sign_is_named_in_every_function(factor, code):
     made = lattice.lattice_of(RESULT, 50.0)
@@ -424,7 +453,11 @@ class TestLattice:
 
     def test_columns_swapped(self):
         codes, found = self.told(lambda v: v[..., [1, 0, 2]])
-        assert {codes["EXX"], codes["EYY"]} <= {"axes-swapped", "input-output-swapped", "unlike"}
+        assert {codes["EXX"], codes["EYY"]} <= {
+            "axes-swapped",
+            "input-output-swapped",
+            "unlike",
+        }
         assert codes["EZZ"] == "right"
         assert not found.right
 
@@ -444,7 +477,9 @@ class TestLattice:
         codes, found = self.told(lambda v: v, held, replace(left, survey=said.facts()), known)
         assert {codes[name] for name in FUNCTIONS} == {"right"}
         assert found.right
-        codes, found = self.told(lambda v: v, plain, replace(left, survey=said.facts()), known)
+        codes, found = self.told(
+            lambda v: v, plain, replace(left, survey=said.facts()), known
+        )
         assert not found.right
 
 

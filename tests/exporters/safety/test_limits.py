@@ -25,7 +25,9 @@ TRAVEL = st.floats(1.0, 20_000.0)
 def machine_of(edge_mm, n, values):
     return made_result(
         values,
-        volume=Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(edge_mm, edge_mm, edge_mm), increments=n),
+        volume=Volume(
+            origin_mm=(0.0, 0.0, 0.0), size_mm=(edge_mm, edge_mm, edge_mm), increments=n
+        ),
     )
 
 
@@ -34,7 +36,12 @@ def refused(result, step_mm):
     with tempfile.TemporaryDirectory() as folder:
         try:
             export(
-                result, "siemens", None, step_mm=step_mm, out_dir=Path(folder) / "out", today=TODAY
+                result,
+                "siemens",
+                None,
+                step_mm=step_mm,
+                out_dir=Path(folder) / "out",
+                today=TODAY,
             )
         except SafetyError as refusal:
             return refusal.code
@@ -44,11 +51,17 @@ def refused(result, step_mm):
 class TestSizes:
     def test_a_travel_of_half_a_metre_has_the_limits_of_the_template(self):
         limits = LimitsSection().at(500.0)
-        assert (limits.value_um, limits.warn_value_um, limits.change_um) == (400.0, 200.0, 40.0)
+        assert (limits.value_um, limits.warn_value_um, limits.change_um) == (
+            400.0,
+            200.0,
+            40.0,
+        )
 
     @given(TRAVEL, TRAVEL)
     def test_a_longer_travel_has_limits_as_large_at_least(self, one, other):
-        shorter, longer = (LimitsSection().at(travel_mm) for travel_mm in sorted((one, other)))
+        shorter, longer = (
+            LimitsSection().at(travel_mm) for travel_mm in sorted((one, other))
+        )
         assert shorter.value_um <= longer.value_um
         assert shorter.warn_value_um <= longer.warn_value_um
         assert shorter.change_um <= longer.change_um
@@ -70,13 +83,16 @@ class TestSizes:
         )
 
     @pytest.mark.parametrize(
-        ("um_m", "code"), [(390.0, None), (410.0, "value-large"), (810.0, "value-large.limit")]
+        ("um_m", "code"),
+        [(390.0, None), (410.0, "value-large"), (810.0, "value-large.limit")],
     )
     @pytest.mark.parametrize("edge_mm", [500.0, 1000.0, 4000.0])
     def test_the_limit_is_the_same_slope_on_every_travel(self, edge_mm, um_m, code):
         assert (
             refused(
-                machine_of(edge_mm, 10, {"EXX": np.linspace(0.0, um_m * edge_mm / 1000.0, 11)}),
+                machine_of(
+                    edge_mm, 10, {"EXX": np.linspace(0.0, um_m * edge_mm / 1000.0, 11)}
+                ),
                 edge_mm / 10,
             )
             == code
@@ -115,7 +131,10 @@ def test_no_ordinary_machine_is_refused_for_its_size(edge_mm, n, seed):
     values = {}
     for name in DISPLACEMENTS:
         slope_um = (
-            draw.uniform(-1.0, 1.0) * (40.0 if name[1] == name[2] else 60.0) * edge_mm / 1000.0
+            draw.uniform(-1.0, 1.0)
+            * (40.0 if name[1] == name[2] else 60.0)
+            * edge_mm
+            / 1000.0
         )
         shape_um = draw.uniform(-10.0, 10.0) * min(1.0, edge_mm / 500.0)
         values[name] = (

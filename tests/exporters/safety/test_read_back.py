@@ -64,7 +64,9 @@ def written_as(value: str, back: ControlFile) -> ControlFile:
     """Return what was read out with one switch in other words."""
     switch = b"$MA_CEC_ENABLE[AX2]="
     assert back.data.count(switch + b"1") >= 1
-    return replace(back, data=back.data.replace(switch + b"1", switch + value.encode("ascii")))
+    return replace(
+        back, data=back.data.replace(switch + b"1", switch + value.encode("ascii"))
+    )
 
 
 def differs(machine: Sinumerik) -> dict[str, str]:
@@ -109,7 +111,9 @@ class TestSinumerik:
     @pytest.mark.parametrize(
         ("value", "found"), [("TRUE", []), ("FALSE", ["read-back-differs.switch"])]
     )
-    def test_a_switch_may_be_written_as_a_logical_value(self, value: str, found: list[str]) -> None:
+    def test_a_switch_may_be_written_as_a_logical_value(
+        self, value: str, found: list[str]
+    ) -> None:
         _, files, programs = planned()
         back = written_as(value, held(control(programs)))
         told = compare(SIEMENS, files, [back], PROFILE).findings
@@ -158,7 +162,9 @@ class TestSinumerik:
         options = msgspec.structs.replace(PROFILE.options, old_enabled=None, old_weight=None)
         old = replace(held(machine), name="STEPDIAG_BACK.INI")
         restored = control(programs)
-        for file in SIEMENS.restore(tables, replace(PROFILE, existing=(old,), options=options)):
+        for file in SIEMENS.restore(
+            tables, replace(PROFILE, existing=(old,), options=options)
+        ):
             if file.role == "program":
                 restored.run(file.data.decode("ascii"))
         watched = (
@@ -174,7 +180,11 @@ class TestSinumerik:
 
 def test_an_export_brings_the_program_and_the_steps(tmp_path) -> None:
     export(
-        RESULT, "siemens", PROFILE, accept=("change-large", "slope-steep"), out_dir=tmp_path / "out"
+        RESULT,
+        "siemens",
+        PROFILE,
+        accept=("change-large", "slope-steep"),
+        out_dir=tmp_path / "out",
     )
     files = {file.name: file for file in read_set(tmp_path / "out")}
     assert b"WRITE(FAULT,BACK" in files[read_back.NAME].data
@@ -239,7 +249,8 @@ class Punching:
 
     def punched(self) -> list[ControlFile]:
         return [
-            ControlFile(name=name, data=b"\n\r\r".join(lines)) for name, lines in self.files.items()
+            ControlFile(name=name, data=b"\n\r\r".join(lines))
+            for name, lines in self.files.items()
         ]
 
 
@@ -265,7 +276,9 @@ FANUC_OWN = b"\n\r\r".join(
 class TestFanuc:
     """What is read in is punched out: numbers, and the bits that switch them."""
 
-    def loaded(self, stop_after: int | None = None) -> tuple[Punching, list[ControlFile], object]:
+    def loaded(
+        self, stop_after: int | None = None
+    ) -> tuple[Punching, list[ControlFile], object]:
         base = profile_of("fanuc", VOLUME)
         own = ControlFile(name="PITCH.TXT", data=FANUC_OWN)
         options = msgspec.structs.replace(base.options, experimental_bidirectional=False)
@@ -320,7 +333,10 @@ class TestFolders:
 
     def test_a_beckhoff_axis_list_is_read_with_its_switch(self) -> None:
         files, profile, control = written(
-            "beckhoff", way="lists", axis_numbers={"X": 1, "Y": 2, "Z": 3}, cross_sense="as-error"
+            "beckhoff",
+            way="lists",
+            axis_numbers={"X": 1, "Y": 2, "Z": 3},
+            cross_sense="as-error",
         )
         for state, keys in (
             ("1", []),
@@ -329,14 +345,18 @@ class TestFolders:
         ):
             line = b"" if state is None else f"lr_param.ssfk {state}\r\n".encode()
             held = [replace(file, data=file.data + line) for file in files]
-            assert [each.key for each in compare(control, files, held, profile).findings] == keys
+            assert [
+                each.key for each in compare(control, files, held, profile).findings
+            ] == keys
 
 
 def written(name: str, **options: object) -> tuple[list[ControlFile], object, object]:
     """Return the data files of an export for a control, its profile and the control."""
     control, profile = controller_named(name), profile_of(name, VOLUME)
     if options:
-        profile = replace(profile, options=msgspec.structs.replace(profile.options, **options))
+        profile = replace(
+            profile, options=msgspec.structs.replace(profile.options, **options)
+        )
     result = made_result(
         {
             "EXX": [0.0, 5.0, 12.0, 9.0, 3.0],

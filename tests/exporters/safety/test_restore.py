@@ -78,7 +78,9 @@ class TestSiemens:
         for file in before:
             control.load(file.data.decode("ascii"))
         stood = self.moved_um(control)
-        tables, profile, files = planned("siemens", SECOND, replace(siemens(new), existing=own))
+        tables, profile, files = planned(
+            "siemens", SECOND, replace(siemens(new), existing=own)
+        )
         for file in files:
             control.load(file.data.decode("ascii"))
         assert np.max(np.abs(self.moved_um(control) - stood)) > 5.0
@@ -113,12 +115,17 @@ class TestSiemens:
         stood = self.moved_um(control)
         own = tuple(file for file in before if file.name.endswith("INI"))
         profile = replace(siemens(functions), existing=own)
-        options = msgspec.structs.replace(profile.options, old_enabled=enabled, old_weight=weight)
+        options = msgspec.structs.replace(
+            profile.options, old_enabled=enabled, old_weight=weight
+        )
         if asked == "files":
-            options = msgspec.structs.replace(profile.options, old_enabled=None, old_weight=None)
+            options = msgspec.structs.replace(
+                profile.options, old_enabled=None, old_weight=None
+            )
             own = tuple(
                 replace(
-                    file, data=file.data.replace(b"M17", "\n".join([*switched, "M17"]).encode())
+                    file,
+                    data=file.data.replace(b"M17", "\n".join([*switched, "M17"]).encode()),
                 )
                 for file in own
             )
@@ -145,7 +152,9 @@ class TestSiemens:
         )
         profile = siemens(functions)
         profile = replace(
-            profile, existing=own, options=msgspec.structs.replace(profile.options, **{key: None})
+            profile,
+            existing=own,
+            options=msgspec.structs.replace(profile.options, **{key: None}),
         )
         tables, settled, _ = planned("siemens", SECOND, profile)
         with pytest.raises(SafetyError, match=f"siemens.{key}") as refusal:
@@ -163,7 +172,9 @@ class TestSiemens:
         machine = msgspec.structs.replace(profile.machine, measured_with="on")
         options = msgspec.structs.replace(profile.options, old_weight=0.5)
         tables, settled, _ = planned(
-            "siemens", SECOND, replace(profile, existing=own, machine=machine, options=options)
+            "siemens",
+            SECOND,
+            replace(profile, existing=own, machine=machine, options=options),
         )
         with pytest.raises(UsageError, match="weight 1"):
             restore_files(controller_named("siemens"), tables, settled)
@@ -202,12 +213,16 @@ def loaded(files: list[ControlFile], more: list[ControlFile]) -> list[ControlFil
     return list(held.values())
 
 
-@pytest.mark.parametrize("name", sorted(set(CONTROLLERS) - {"siemens", "neutral", "mitsubishi"}))
+@pytest.mark.parametrize(
+    "name", sorted(set(CONTROLLERS) - {"siemens", "neutral", "mitsubishi"})
+)
 @pytest.mark.parametrize("old", ["nothing", "X alone", "all"])
 def test_every_other_control_does_what_it_did(name, old):
     """By the control's own law on its own files: to the table's resolution, both directions."""
     controller, profile = controller_named(name), profile_of(name, VOLUME)
-    masters = [ControlFile(name=file, data=data) for file, data in MACHINES[name].files.items()]
+    masters = [
+        ControlFile(name=file, data=data) for file, data in MACHINES[name].files.items()
+    ]
     _, settled, first = planned(name, FIRST, profile)
     own = [
         file
@@ -224,10 +239,13 @@ def test_every_other_control_does_what_it_did(name, old):
     tables, settled, second = planned(name, SECOND, replace(settled, existing=tuple(own)))
     held = loaded(own, [file for file in second if file.role == "data"])
     restored = loaded(
-        held, [file for file in restore_files(controller, tables, settled) if file.role == "data"]
+        held,
+        [file for file in restore_files(controller, tables, settled) if file.role == "data"],
     )
     if name == "linuxcnc":
-        restored = named_in_ini(own, second, restore_files(controller, tables, settled), restored)
+        restored = named_in_ini(
+            own, second, restore_files(controller, tables, settled), restored
+        )
     after = (
         total_correction_um(controller.parse(restored, settled), POINTS)
         if restored
@@ -255,7 +273,9 @@ def named_in_ini(
             [*ini, *(line for line in added if line.startswith(("COMP_FILE ", "HALFILE")))]
         )
     )
-    for line in next(file.data.decode() for file in restore if file.role == "note").splitlines():
+    for line in next(
+        file.data.decode() for file in restore if file.role == "note"
+    ).splitlines():
         if line.startswith("- ") and line[2:] in ini:
             ini.remove(line[2:])
         if line.startswith("+ "):
@@ -282,7 +302,9 @@ class TestMitsubishi:
         )
         keyed_in = self.key_in([*own, *second, *restore_files(controller, tables, settled)])
         np.testing.assert_allclose(
-            total_correction_um(controller.parse([keyed_in], settled), POINTS), before, atol=1e-6
+            total_correction_um(controller.parse([keyed_in], settled), POINTS),
+            before,
+            atol=1e-6,
         )
 
     def test_data_that_would_act_for_two_pairs_are_refused(self):

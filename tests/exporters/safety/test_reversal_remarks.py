@@ -28,7 +28,8 @@ def said_of(
     profile = replace(
         profile,
         axes={
-            letter: msgspec.structs.replace(each, **axis) for letter, each in profile.axes.items()
+            letter: msgspec.structs.replace(each, **axis)
+            for letter, each in profile.axes.items()
         },
     )
     curves, control = curves_of(result, ["EXX"]), controller_named(name)
@@ -85,7 +86,9 @@ def test_a_table_for_each_direction_leaves_nothing_for_the_parameter():
 
 def test_a_number_that_is_chance_is_not_offered():
     """A reversal of +8 at one end and -8 at the other is significant, its mean is nothing."""
-    chance = replace(PLAYING, **members(backlash={"X": {"value": 0.4, "u": 0.2, "unit": "um"}}))
+    chance = replace(
+        PLAYING, **members(backlash={"X": {"value": 0.4, "u": 0.2, "unit": "um"}})
+    )
     assert said_of(chance, "reversal-value") == []
 
 
@@ -96,12 +99,16 @@ def test_without_a_common_zero_no_number_is_offered():
 def test_the_kinematics_component_leaves_it_to_backlash_with_the_number(tmp_path):
     profile = profile_of("linuxcnc", VOLUME)
     options = msgspec.structs.replace(profile.options, way="kinematics")
-    report = export(KNOWN, "linuxcnc", replace(profile, options=options), out_dir=tmp_path / "out")
+    report = export(
+        KNOWN, "linuxcnc", replace(profile, options=options), out_dir=tmp_path / "out"
+    )
     (text,) = (finding.text for finding in report.findings if finding.key == "reversal-value")
     assert text.endswith("to be added to the value of the backlash parameter while measuring")
 
 
 def test_a_table_for_each_direction_is_not_written_for_chance():
-    (text,) = said_of(made_result(reversal={"EXX": [0.5] * 5}), "direction-averaged.chance", "both")
+    (text,) = said_of(
+        made_result(reversal={"EXX": [0.5] * 5}), "direction-averaged.chance", "both"
+    )
     assert text.startswith("EXX")
     assert said_of(PLAYING, "direction-averaged.chance", "both") == []

@@ -177,5 +177,7 @@ def test_a_record_is_evidence_for_what_it_names_alone() -> None:
         "runs_sha256": [],
     }.items():
         assert not about.covers(SignTestRecord(**{**fields, name: other})), name
-    assert not about.covers(SignTestRecord(kind="eec", date=date(2026, 6, 1), verdict="as-error"))
+    assert not about.covers(
+        SignTestRecord(kind="eec", date=date(2026, 6, 1), verdict="as-error")
+    )
     assert not replace(about, system="2").covers(SignTestRecord(**fields))

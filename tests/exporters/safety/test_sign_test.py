@@ -41,7 +41,9 @@ class TestBump:
     def test_is_gentle(self):
         """Flanks of 0.2 µm/mm at most: the slope check lets them pass."""
         table = siemens_bump().tables[0]
-        assert np.max(np.abs(np.diff(table.value_um) / np.diff(table.position_mm))) <= 0.2 + 1e-9
+        assert (
+            np.max(np.abs(np.diff(table.value_um) / np.diff(table.position_mm))) <= 0.2 + 1e-9
+        )
 
     def test_lies_on_the_longer_side_of_the_reference(self):
         profile = profile_of("siemens", VOLUME, sections=8, reference_at=8)
@@ -77,7 +79,9 @@ class TestSlope:
     """LinuxCNC holds one number for a squareness: its test is a ramp."""
 
     def ramp(self) -> Bump:
-        return bump(controller_named("linuxcnc"), profile_of("linuxcnc", VOLUME, sections=8), "EXY")
+        return bump(
+            controller_named("linuxcnc"), profile_of("linuxcnc", VOLUME, sections=8), "EXY"
+        )
 
     def moved_um(self, test: Bump) -> np.ndarray:
         points = np.column_stack([np.zeros(41), np.linspace(0.0, 400.0, 41), np.zeros(41)])
@@ -212,18 +216,29 @@ class TestRuns:
 
     def test_a_missing_run_is_refused_by_its_name(self):
         off = linear_run(0 * POSITIONS)
-        with pytest.raises(DataError, match="table on: expected a run linear-x, found linear-y"):
+        with pytest.raises(
+            DataError, match="table on: expected a run linear-x, found linear-y"
+        ):
             from_readings(off, linear_run(0 * POSITIONS, "linear-y"), "X")
 
     def test_a_csv_serves_for_cross_tables(self):
         """Straightness is seen with a dial or a straightness laser: position, off, on."""
         rows = "position_mm,off_um,on_um\n200,1,1\n-200,0,0\n0,2,-8\n"
         run = read_sign_run(ControlFile(name="run.csv", data=rows.encode()))
-        assert [column.tolist() for column in run[:3]] == [[-200, 0, 200], [0, 2, 1], [0, -8, 1]]
+        assert [column.tolist() for column in run[:3]] == [
+            [-200, 0, 200],
+            [0, 2, 1],
+            [0, -8, 1],
+        ]
 
     @pytest.mark.parametrize(
         "text",
-        ["", "a,b,c\n", "position_mm,off_um,on_um\n1,2\n", "position_mm,off_um,on_um\n1,2,x\n"],
+        [
+            "",
+            "a,b,c\n",
+            "position_mm,off_um,on_um\n1,2\n",
+            "position_mm,off_um,on_um\n1,2,x\n",
+        ],
     )
     def test_a_damaged_csv_is_refused(self, text):
         with pytest.raises(DataError, match=r"run\.csv"):

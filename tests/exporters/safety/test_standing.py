@@ -48,7 +48,9 @@ def test_a_new_table_that_reaches_less_far_than_the_old_one_says_what_is_lost(
     profile, new, result = loaded(from_mm, to_mm, [0, 1, 2, 3, 4])
     found = [
         each
-        for each in standing_findings(Standing(before=before, after=new, new=new), result, profile)
+        for each in standing_findings(
+            Standing(before=before, after=new, new=new), result, profile
+        )
         if each.key == "old-table-lost.ends"
     ]
     assert len(found) == len(lost)

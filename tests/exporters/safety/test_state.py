@@ -50,7 +50,9 @@ def tables_of(errors: dict[str, np.ndarray]) -> tuple[Table, ...]:
     )
 
 
-def surveyed(dice: np.random.Generator, acted: dict[str, bool]) -> tuple[Result, tuple[Table, ...]]:
+def surveyed(
+    dice: np.random.Generator, acted: dict[str, bool]
+) -> tuple[Result, tuple[Table, ...]]:
     """Draw a machine with old tables of 0.7 to 1.4 of the right size, a sixth of its errors new,
     and what a survey finds of it."""
     old = drawn(dice)
@@ -63,7 +65,9 @@ def surveyed(dice: np.random.Generator, acted: dict[str, bool]) -> tuple[Result,
         for name, each in old.items()
     }
     tables = tables_of({name: sizes[kind_of[name]] * each for name, each in old.items()})
-    return made_result({name: list(each - each[0]) for name, each in now.items()}, u_um=0.5), tables
+    return made_result(
+        {name: list(each - each[0]) for name, each in now.items()}, u_um=0.5
+    ), tables
 
 
 @pytest.mark.parametrize("state", ["on", "off"])
@@ -73,9 +77,15 @@ def test_a_wrong_statement_is_found_and_a_right_one_never_refused(state: str) ->
     other = {"on": "off", "off": "on"}[state]
     false, found = 0, 0
     for seed in range(MACHINES):
-        result, tables = surveyed(np.random.default_rng(seed), dict.fromkeys(KINDS, state == "on"))
-        false += any(each.severity == "error" for each in state_findings(result, tables, state))
-        found += any(each.severity == "error" for each in state_findings(result, tables, other))
+        result, tables = surveyed(
+            np.random.default_rng(seed), dict.fromkeys(KINDS, state == "on")
+        )
+        false += any(
+            each.severity == "error" for each in state_findings(result, tables, state)
+        )
+        found += any(
+            each.severity == "error" for each in state_findings(result, tables, other)
+        )
     assert false < 0.02 * MACHINES
     assert found > 0.95 * MACHINES
 
@@ -93,11 +103,16 @@ def test_functions_that_changed_by_themselves_refuse_no_right_statement(state: s
             value = errors[name].value
             assert value is not None
             errors[name] = replace(
-                errors[name], value=value + 8.0 * dice.normal() * np.sin(np.linspace(0.0, np.pi, 5))
+                errors[name],
+                value=value + 8.0 * dice.normal() * np.sin(np.linspace(0.0, np.pi, 5)),
             )
         changed = replace(result, errors=errors)
-        false += any(each.severity == "error" for each in state_findings(changed, tables, state))
-        found += any(each.severity == "error" for each in state_findings(changed, tables, other))
+        false += any(
+            each.severity == "error" for each in state_findings(changed, tables, state)
+        )
+        found += any(
+            each.severity == "error" for each in state_findings(changed, tables, other)
+        )
     assert false < 0.02 * MACHINES
     assert found > 0.8 * MACHINES
 
@@ -114,9 +129,12 @@ def test_tables_of_another_machine_refuse_no_right_statement(state: str) -> None
             name: each - (state == "on") * other[name] + 0.5 * dice.normal(size=5)
             for name, each in own.items()
         }
-        result = made_result({name: list(each - each[0]) for name, each in now.items()}, u_um=0.5)
+        result = made_result(
+            {name: list(each - each[0]) for name, each in now.items()}, u_um=0.5
+        )
         refused += any(
-            each.severity == "error" for each in state_findings(result, tables_of(other), state)
+            each.severity == "error"
+            for each in state_findings(result, tables_of(other), state)
         )
     assert refused <= 1
 
@@ -135,14 +153,19 @@ def test_one_forgotten_switch_shows_with_the_functions_of_its_tables(left_on: st
         ]  # type: ignore[union-attr]
         named += any(names <= {*KINDS[left_on], "C0Y", "B0Z", "A0Z"} for names in found)
         wrong += any(
-            names & set(KINDS[other]) for names in found for other in KINDS if other != left_on
+            names & set(KINDS[other])
+            for names in found
+            for other in KINDS
+            if other != left_on
         )
     assert named >= 43
     assert wrong <= 1
 
 
 @pytest.mark.parametrize(("stated", "acted"), [("on", True), ("off", False)])
-def test_one_table_in_the_other_state_is_asked_about_by_its_name(stated: str, acted: bool) -> None:
+def test_one_table_in_the_other_state_is_asked_about_by_its_name(
+    stated: str, acted: bool
+) -> None:
     """Its own switch, or its own weight, was forgotten: the mean of its kind does not show it, the
     table itself does.
 
@@ -197,7 +220,9 @@ def ends(size: float, *, acted: bool, stated: str, of: int) -> Counter[str]:
             + 0.5 * dice.normal(size=5)
             for name, error in old.items()
         }
-        result = made_result({name: list(each - each[0]) for name, each in now.items()}, u_um=0.5)
+        result = made_result(
+            {name: list(each - each[0]) for name, each in now.items()}, u_um=0.5
+        )
         tables = tables_of({name: sized * error for name, error in old.items()})
         found = list(state_findings(result, tables, stated))
         assert proof_needed(found) == bool(found)
@@ -249,7 +274,9 @@ def test_a_table_smaller_than_what_the_survey_knows_says_nothing() -> None:
 
 
 @pytest.mark.parametrize(("acted", "stated"), [(True, "off"), (False, "on")])
-def test_an_export_on_a_wrong_statement_is_refused(acted: bool, stated: str, tmp_path) -> None:
+def test_an_export_on_a_wrong_statement_is_refused(
+    acted: bool, stated: str, tmp_path
+) -> None:
     """Tables made of what is left, in place of the old ones: 2.8 µm had become 5.1 with exit code
     0."""
     result, _ = surveyed(np.random.default_rng(3), dict.fromkeys(KINDS, acted))
@@ -265,7 +292,9 @@ def test_an_export_on_a_wrong_statement_is_refused(acted: bool, stated: str, tmp
     )
     base = profile_of("siemens", VOLUME)
     profile = replace(
-        base, existing=existing, machine=msgspec.structs.replace(base.machine, measured_with=stated)
+        base,
+        existing=existing,
+        machine=msgspec.structs.replace(base.machine, measured_with=stated),
     )
     statement = Statement(state="off") if stated == "off" else _on(existing)
     with pytest.raises(SafetyError) as refused:
@@ -285,27 +314,37 @@ def _on(existing):
 
     from stepdiag.base.compensation import stated
 
-    return stated("on", {file.name: file.data for file in existing}, date(2026, 6, 1), "archive")
+    return stated(
+        "on", {file.name: file.data for file in existing}, date(2026, 6, 1), "archive"
+    )
 
 
-def test_a_control_with_one_slope_a_pair_is_compared_with_the_lines_of_both_functions() -> None:
+def test_a_control_with_one_slope_a_pair_is_compared_with_the_lines_of_both_functions() -> (
+    None
+):
     """The coefficients of matrixkins hold the best lines of two bows beside the squareness: off,
     the survey finds all of them, whatever the bows are."""
     linuxcnc, dice = controller_named("linuxcnc"), np.random.default_rng(4)
     for _ in range(20):
         old = {
-            name: list(each - np.linspace(each[0], each[-1], 5)) if name[1] != name[2] else each
+            name: list(each - np.linspace(each[0], each[-1], 5))
+            if name[1] != name[2]
+            else each
             for name, each in drawn(dice).items()
         }
         square = {
             name: float(each)
-            for name, each in zip(("C0Y", "B0Z", "A0Z"), 20 * dice.normal(size=3), strict=True)
+            for name, each in zip(
+                ("C0Y", "B0Z", "A0Z"), 20 * dice.normal(size=3), strict=True
+            )
         }
         result = made_result(old, squareness=square, u_um=0.05)
         fit = fitted(result)
         tables = linuxcnc.plan(fit.curves, profile_of("linuxcnc", VOLUME)).tables
         found = {
-            share.name: share.value for share in shares(result, tables) if share.name in square
+            share.name: share.value
+            for share in shares(result, tables)
+            if share.name in square
         }
         assert found
         assert all(abs(value - 1.0) < 0.02 for value in found.values()), found

@@ -44,7 +44,9 @@ class TestPrediction:
     def test_a_file_with_the_wrong_sense_makes_it_worse(self):
         """The sign test of the program itself: negated values must not pass as an improvement."""
         data = siemens_files()[0].data.replace(b"]=0.0", b"]=-0.0")
-        prediction = verify_files(RESULT, [ControlFile(name="AX_EEC.INI", data=data)]).prediction
+        prediction = verify_files(
+            RESULT, [ControlFile(name="AX_EEC.INI", data=data)]
+        ).prediction
         before, after = prediction.figures(rigid_motion=True)
         assert after.largest_um > 1.5 * before.largest_um
         assert prediction.worse
@@ -73,7 +75,9 @@ class TestPrediction:
         whole, half = (
             control.render(
                 control.plan(
-                    curves_of(made_result({"EXX": [share * at for at in (0, 6, 16, 24, 40)]})),
+                    curves_of(
+                        made_result({"EXX": [share * at for at in (0, 6, 16, 24, 40)]})
+                    ),
                     profile,
                 ).tables,
                 profile,
@@ -128,11 +132,17 @@ class TestPrediction:
         made = made_result({"EXX": [0.0, 4.0, 0.0, 4.0, 0.0]}, volume=VOLUME)
         prediction = predict(made, ())
         told = prediction.predicted.without_rigid_motion["before"].rms_um.value_um
-        assert prediction.figures(rigid_motion=False)[0].rms_um == pytest.approx(told, rel=1e-9)
+        assert prediction.figures(rigid_motion=False)[0].rms_um == pytest.approx(
+            told, rel=1e-9
+        )
 
     def test_picture_holds_plain_lists_of_the_grid(self):
         picture = predict(RESULT, (), nodes=3).picture()
-        assert [len(picture[key]) for key in ("points_mm", "before_um", "after_um")] == [27, 27, 27]
+        assert [len(picture[key]) for key in ("points_mm", "before_um", "after_um")] == [
+            27,
+            27,
+            27,
+        ]
         assert picture["before_um"] == picture["after_um"]
 
 
@@ -147,7 +157,9 @@ class TestIndependentReader:
             controller_named("siemens"),
             profile_of("siemens", VOLUME, direction=mode),
         )
-        result = replace(RESULT, reversal=made_result(reversal={"EXX": [0, 2, 3, 3, 4]}).reversal)
+        result = replace(
+            RESULT, reversal=made_result(reversal={"EXX": [0, 2, 3, 3, 4]}).reversal
+        )
         files = control.render(control.plan(curves_of(result), profile).tables, profile)
         points = grid_points_mm(VOLUME, 5)
         texts = [file.data.decode("ascii") for file in files if file.name.endswith(suffix)]
@@ -181,7 +193,9 @@ class TestIndependentReader:
 
 
 class TestForeignFiles:
-    @pytest.mark.parametrize("data", [b"", b"hello", b"\xff\xfe\x00", b"%\nO0001\nG0 X0\nM30\n%\n"])
+    @pytest.mark.parametrize(
+        "data", [b"", b"hello", b"\xff\xfe\x00", b"%\nO0001\nG0 X0\nM30\n%\n"]
+    )
     def test_an_unknown_file_is_refused_by_name(self, data):
         with pytest.raises(DataError, match=r"strange\.txt"):
             verify_files(RESULT, [ControlFile(name="strange.txt", data=data)])

@@ -13,7 +13,8 @@ def test_no_spoiled_table_is_taken_for_right() -> None:
     assert sum(tried.values()) > 200
     assert sum(one.passed for one in found.values()) <= 2
     assert [
-        found[kind].passed for kind in ("turned", "swapped", "scaled by 10", "zeros", "missing")
+        found[kind].passed
+        for kind in ("turned", "swapped", "scaled by 10", "zeros", "missing")
     ] == [0] * 5
     assert found["turned"].codes == {"sign-turned": tried["turned"]}
     assert found["scaled by 10"].codes == {"scaled": tried["scaled by 10"]}

@@ -90,10 +90,16 @@ class TestGoldenFiles:
 
     def test_cec_is_the_worked_example_byte_for_byte(self):
         """controllers.md 12.3: straightness of X in Y with 10 µm/m of squareness folded in."""
-        volume = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 400.0, 200.0), increments=4)
-        result = made_result({"EYX": [0, 1.5, 2, 1, 0]}, squareness={"C0Y": -10.0}, volume=volume)
+        volume = Volume(
+            origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 400.0, 200.0), increments=4
+        )
+        result = made_result(
+            {"EYX": [0, 1.5, 2, 1, 0]}, squareness={"C0Y": -10.0}, volume=volume
+        )
         profile = plain_profile()
-        axis = AxisSection(name="AX1", step_mm=100.0, reference_mm=0.0, start_mm=0.0, end_mm=400.0)
+        axis = AxisSection(
+            name="AX1", step_mm=100.0, reference_mm=0.0, start_mm=0.0, end_mm=400.0
+        )
         profile = replace(profile, axes={**profile.axes, "X": axis})
         tables = SIEMENS.plan(curves_of(result, ["EYX"], {"C0Y": "EYX"}), profile).tables
         assert SIEMENS.render(tables, profile)[0].data.decode() == CEC_GOLDEN
@@ -120,7 +126,10 @@ class TestGoldenFiles:
             plain_profile(first_cec_table=10), "EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"
         )["NC_CEC.INI"]
         pairs = [
-            (f"$AN_CEC_INPUT_AXIS[{10 + n}]=(AX{i})", f"$AN_CEC_OUTPUT_AXIS[{10 + n}]=(AX{o})")
+            (
+                f"$AN_CEC_INPUT_AXIS[{10 + n}]=(AX{i})",
+                f"$AN_CEC_OUTPUT_AXIS[{10 + n}]=(AX{o})",
+            )
             for n, (i, o) in enumerate([(1, 2), (1, 3), (2, 1), (2, 3), (3, 1), (3, 2)])
         ]
         assert all(base in text and out in text for base, out in pairs)
@@ -130,10 +139,13 @@ class TestGoldenFiles:
         profile = plain_profile(cec_tables={"EXX": [4, 7]})
         profile = replace(
             profile,
-            machine=type(profile.machine)(**{**_fields(profile.machine), "direction": "both"}),
+            machine=type(profile.machine)(
+                **{**_fields(profile.machine), "direction": "both"}
+            ),
         )
         curves = curves_of(
-            made_result({"EXX": [4, 1, 0, -2, -5]}, reversal={"EXX": [0, 2, 2, 2, 2]}), ["EXX"]
+            made_result({"EXX": [4, 1, 0, -2, -5]}, reversal={"EXX": [0, 2, 2, 2, 2]}),
+            ["EXX"],
         )
         text = SIEMENS.render(SIEMENS.plan(curves, profile).tables, profile)[0].data.decode()
         assert "$AN_CEC_DIRECTION[4]=1\n" in text
@@ -175,7 +187,11 @@ class TestLoadingPrograms:
             text = data_files(profile, "EXX", values={"EXX": values})["LOAD_EEC.MPF"]
             off = text.replace("$MA_ENC_COMP_ENABLE[0,AX1]=1", "$MA_ENC_COMP_ENABLE[0,AX1]=0")
             assert off != text
-            with pytest.raises(DataError, match="ENC_COMP_ENABLE") if refused else nullcontext():
+            with (
+                pytest.raises(DataError, match="ENC_COMP_ENABLE")
+                if refused
+                else nullcontext()
+            ):
                 SIEMENS.parse([ControlFile(name="LOAD_EEC.MPF", data=off.encode())], profile)
 
     def test_every_jump_has_its_label(self):
@@ -214,9 +230,9 @@ class TestReading:
             [ControlFile(name="NC_CEC.INI", data=ARCHIVE_CEC.encode())], plain_profile()
         )
         assert table.name == "EYX"
-        assert correction_um(table, np.array([300.0, 350.0, 800.0, 925.0]))[:3] == pytest.approx(
-            [-8, -8, 6]
-        )
+        assert correction_um(table, np.array([300.0, 350.0, 800.0, 925.0]))[
+            :3
+        ] == pytest.approx([-8, -8, 6])
         assert table.position_mm[-1] == 950.0
 
     @pytest.mark.parametrize(
@@ -243,7 +259,11 @@ class TestReading:
     def test_an_axis_that_the_profile_does_not_name_is_refused(self):
         with pytest.raises(UsageError, match=r"AX9.*did you mean"):
             SIEMENS.parse(
-                [ControlFile(name="AX_EEC.INI", data=EEC_GOLDEN.replace("AX1", "AX9").encode())],
+                [
+                    ControlFile(
+                        name="AX_EEC.INI", data=EEC_GOLDEN.replace("AX1", "AX9").encode()
+                    )
+                ],
                 plain_profile(),
             )
 
@@ -297,7 +317,9 @@ def test_the_slope_of_cec_is_judged_by_the_controls_own_limit(share, refused, tm
     """MD32730 lets the correction move at a tenth of the top speed: 1.2 µm/mm is far below it, and
     above what is plausible elsewhere."""
     profile = profile_of("siemens", VOLUME)
-    profile = replace(profile, options=msgspec.structs.replace(profile.options, cec_max_velo=share))
+    profile = replace(
+        profile, options=msgspec.structs.replace(profile.options, cec_max_velo=share)
+    )
     result = made_result({"EYX": [0, 0, 95, 0, 0]})
     with pytest.raises(SafetyError, match=r"µm/mm, above 0\.8") if refused else nullcontext():
         export(result, "siemens", profile, out_dir=tmp_path / "out")

@@ -23,14 +23,18 @@ OLD, NEW = (
     {"EXX": [0, 4, 2, 0, -5], "EYX": [0, 2, -2, 1, 0]},
 )
 POINTS = [
-    name.format(point) for name in ("$AA_ENC_COMP[0,{},AX1]", "$AN_CEC[0,{}]") for point in range(7)
+    name.format(point)
+    for name in ("$AA_ENC_COMP[0,{},AX1]", "$AN_CEC[0,{}]")
+    for point in range(7)
 ]
 
 
 def rendered(errors, existing=(), stated="off"):
     base = profile_of("siemens", VOLUME)
     profile = replace(
-        base, existing=existing, machine=msgspec.structs.replace(base.machine, measured_with=stated)
+        base,
+        existing=existing,
+        machine=msgspec.structs.replace(base.machine, measured_with=stated),
     )
     return SIEMENS.render(
         SIEMENS.plan(curves_of(made_result(errors), list(errors)), profile).tables, profile
@@ -69,7 +73,9 @@ def test_what_is_listed_is_written_over_and_again() -> None:
 def test_what_nobody_listed_is_not_written_over(listed) -> None:
     control, old = control_with_old()
     before = dict(control.held)
-    refused = loaded(control, rendered(NEW, tuple(file for file in old if listed in file.name)))
+    refused = loaded(
+        control, rendered(NEW, tuple(file for file in old if listed in file.name))
+    )
     assert refused == [listed != "EEC", listed != "CEC"]
     assert any(
         control.held[name] == before[name]

@@ -10,7 +10,9 @@ from stepdiag.exporters.siemens.products import _most_valuable
 
 def written(*values):
     return {
-        number: Assignment(name="V", index=(str(number),), value=str(value), where=f"line {number}")
+        number: Assignment(
+            name="V", index=(str(number),), value=str(value), where=f"line {number}"
+        )
         for number, value in enumerate(values)
     }
 

@@ -34,16 +34,18 @@ SIEMENS = Siemens()
 POINTS = grid_points_mm(VOLUME, 7)
 
 
-def profile(more: str = "products = true", direction: str = "mean", extra: str = "") -> Profile:
+def profile(
+    more: str = "products = true", direction: str = "mean", extra: str = ""
+) -> Profile:
     text = profile_text(
         "siemens",
         steps_mm=(25.0, 25.0, 25.0),
         references_mm=(-250.0, 0.0, -300.0),
         direction=direction,
     )
-    text = text.replace("[siemens]", f"[limits]\nslope_um_mm = 1.0\n{extra}\n[siemens]").replace(
-        "cec_points = 60\n", f"cec_points = 60\n{more}\n"
-    )
+    text = text.replace(
+        "[siemens]", f"[limits]\nslope_um_mm = 1.0\n{extra}\n[siemens]"
+    ).replace("cec_points = 60\n", f"cec_points = 60\n{more}\n")
     return parse_profile(text, "siemens.toml", controller_named("siemens"), VOLUME, {})
 
 
@@ -77,7 +79,10 @@ def virtual_um(
         control.load(file.data.decode("ascii"))
     return (
         sum(
-            (table.correction_mm(points, np.zeros(points.shape)) for table in control.tables()),
+            (
+                table.correction_mm(points, np.zeros(points.shape))
+                for table in control.tables()
+            ),
             np.zeros(points.shape),
         )
         * 1e3
@@ -208,7 +213,11 @@ class TestExport:
         from datetime import date
 
         report = export(
-            drawn(6), "siemens", profile(extra=tested), out_dir=tmp_path, today=date(2026, 11, 22)
+            drawn(6),
+            "siemens",
+            profile(extra=tested),
+            out_dir=tmp_path,
+            today=date(2026, 11, 22),
         )
         assert any("UNTESTED" in name for name in report.files)
         assert "cec-product" in next(
@@ -220,14 +229,17 @@ class TestExport:
         the rounding."""
         first = planned(drawn(7), profile())
         active = [
-            table for table in SIEMENS.parse(first[:3:2], profile()) if table.multiplier is not None
+            table
+            for table in SIEMENS.parse(first[:3:2], profile())
+            if table.multiplier is not None
         ]
         again = fitted(made_result(volume=VOLUME), active=active)
         ours = {product.name: product for product in fitted(drawn(7)).products}
         for product in again.products:
             at = ours[product.name].position_mm
             spread = (
-                np.interp(at, product.position_mm, product.value_um) - ours[product.name].value_um
+                np.interp(at, product.position_mm, product.value_um)
+                - ours[product.name].value_um
             )
             assert np.max(np.abs(spread)) < 0.05
 
@@ -283,10 +295,15 @@ class TestBudget:
 
     def test_what_is_left_out_is_said(self, tmp_path) -> None:
         report = export(
-            drawn(13), "siemens", profile("products = true\ncec_tables_held = 8"), out_dir=tmp_path
+            drawn(13),
+            "siemens",
+            profile("products = true\ncec_tables_held = 8"),
+            out_dir=tmp_path,
         )
         assert "function-left-out.tables" in {finding.key for finding in report.findings}
-        placed = {int(table.place["table"]) for table in report.tables if "table" in table.place}
+        placed = {
+            int(table.place["table"]) for table in report.tables if "table" in table.place
+        }
         assert (
             max(
                 placed

@@ -27,7 +27,9 @@ from stepdiag.virtual.control.heidenhain import load_tables
 from testkit.exact.machines import profile_of
 from testkit.exact.results import made_result
 
-VOLUME = Volume(origin_mm=(-250.0, 100.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=10)
+VOLUME = Volume(
+    origin_mm=(-250.0, 100.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=10
+)
 """Its middle lies far from the zero of the axes, from which the levers of a control count."""
 POINTS = grid_points_mm(VOLUME, 5)
 CHAINS = ("FXYZ", "XFYZ", "XYFZ", "YXFZ", "ZYXF", "FZYX")
@@ -42,7 +44,11 @@ def drawn(chain: str = "FXYZ", seed: int = 3) -> Result:
         for name in ROTATIONS
     }
     square = {name: float(rng.normal(0.0, 20.0)) for name in ("C0Y", "B0Z", "A0Z")}
-    shapes = {"EXX": 20 * along, "EYX": 5 * np.sin(np.pi * along), "EZY": 6 * np.sin(np.pi * along)}
+    shapes = {
+        "EXX": 20 * along,
+        "EYX": 5 * np.sin(np.pi * along),
+        "EZY": 6 * np.sin(np.pi * along),
+    }
     return made_result(shapes, squareness=square, angles=angles, chain=chain, volume=VOLUME)
 
 
@@ -83,7 +89,9 @@ def left_um(result: Result, moved_um: Vector) -> float:
 @pytest.mark.parametrize("name", CONTROLS)
 @pytest.mark.parametrize("chain", CHAINS)
 class TestEveryChain:
-    def test_the_control_of_the_manual_holds_the_whole_field(self, name: str, chain: str) -> None:
+    def test_the_control_of_the_manual_holds_the_whole_field(
+        self, name: str, chain: str
+    ) -> None:
         """21 errors, levers from the zero of the axes: what is left is the rounding; turned in sign
         it is twice the error."""
         result = drawn(chain)
@@ -165,7 +173,9 @@ def test_verify_finds_every_table_right_far_from_the_zero_of_the_axes(
 @pytest.mark.parametrize(
     ("name", "chain"), [("beckhoff", "FXYZ"), ("beckhoff", "XYFZ"), ("heidenhain", "FXYZ")]
 )
-def test_verify_finds_every_table_right_and_a_turned_angle_wrong(name: str, chain: str) -> None:
+def test_verify_finds_every_table_right_and_a_turned_angle_wrong(
+    name: str, chain: str
+) -> None:
     result, of = drawn(chain), profile(name, chain)
     data = [file for file in written(name, result, of) if file.role == "data"]
     found = verify_files(result, data, of)
@@ -195,7 +205,9 @@ def test_what_was_read_in_no_manual_is_said(name: str, code: str) -> None:
     said = [
         {
             each.key
-            for each in controller_named(name).plan_products(fit.curves, fit.products, one).findings
+            for each in controller_named(name)
+            .plan_products(fit.curves, fit.products, one)
+            .findings
         }
         for one in (of, without)
     ]
@@ -317,7 +329,9 @@ def test_a_second_calibration_takes_the_place_of_the_first(name, tmp_path) -> No
         },
         volume=VOLUME,
     )
-    said = stated("on", {file.name: file.data for file in active}, date(2026, 1, 31), "read out")
+    said = stated(
+        "on", {file.name: file.data for file in active}, date(2026, 1, 31), "read out"
+    )
     on = replace(
         of, machine=msgspec.structs.replace(of.machine, measured_with="on"), existing=active
     )
@@ -334,4 +348,8 @@ def test_a_second_calibration_takes_the_place_of_the_first(name, tmp_path) -> No
         without_rigid_motion(VOLUME, POINTS, bare_um + virtual_um(each, "FXYZ"))
         for each in (written(name, first, of), files)
     )
-    assert np.max(np.linalg.norm(after, axis=1)) < 0.3 < np.max(np.linalg.norm(before, axis=1)) / 5
+    assert (
+        np.max(np.linalg.norm(after, axis=1))
+        < 0.3
+        < np.max(np.linalg.norm(before, axis=1)) / 5
+    )

@@ -95,9 +95,13 @@ class TestEveryController:
         (controllers.md 0)."""
         profile = profile_of(name, VOLUME)
         result = made_result({"EXX": [0.0, 5.0, 10.0, 15.0, 20.0]})
-        _, profile, files = written(name, curves_of(result, profile.machine.functions), profile)
+        _, profile, files = written(
+            name, curves_of(result, profile.machine.functions), profile
+        )
         tables = [
-            table for table in controller_named(name).parse(files, profile) if table.name == "EXX"
+            table
+            for table in controller_named(name).parse(files, profile)
+            if table.name == "EXX"
         ]
         assert sum(
             float(correction_um(table, np.array([200.0]))[0]) for table in tables
@@ -177,7 +181,9 @@ class TestEveryController:
         new = data.draw(
             st.one_of(
                 st.binary(max_size=4),
-                st.sampled_from([b"\n", b"-", b"9", b"1e999", b"nan", b",", b" ", b"P", b"%"]),
+                st.sampled_from(
+                    [b"\n", b"-", b"9", b"1e999", b"nan", b",", b" ", b"P", b"%"]
+                ),
             )
         )
         try:
@@ -191,7 +197,9 @@ class TestEveryController:
             assert np.all(np.diff(table.position_mm) > 0)
             assert len(table.value_um) == len(table.position_mm) >= 2
 
-    @pytest.mark.parametrize("data", [b"", b"\x00\xff\x80", b"hello\nworld\n", b"<html></html>"])
+    @pytest.mark.parametrize(
+        "data", [b"", b"\x00\xff\x80", b"hello\nworld\n", b"<html></html>"]
+    )
     def test_a_foreign_file_is_refused(self, name, data):
         """Garbage handed to ``verify`` or ``merge`` is a refusal of the data, never another
         exception."""
@@ -203,12 +211,14 @@ class TestEveryController:
     def test_knows_its_own_files(self, name):
         """``verify`` finds the controller from the files alone."""
         profile = profile_of(name, VOLUME)
-        _, _, files = written(name, curves_of(made_result(), profile.machine.functions), profile)
+        _, _, files = written(
+            name, curves_of(made_result(), profile.machine.functions), profile
+        )
         for file in files:
             if file.role == "data":
-                assert [other for other in CONTROLLERS if CONTROLLERS[other].recognises(file)] == [
-                    name
-                ]
+                assert [
+                    other for other in CONTROLLERS if CONTROLLERS[other].recognises(file)
+                ] == [name]
 
     def test_report_rows_and_instructions_are_there(self, name):
         """What a person needs: the numbers of every table and the steps to load them."""

@@ -54,13 +54,17 @@ class TestSquareness:
         """A squareness is one number for two axes: which of them is straightened is a turn of the
         workpiece."""
         result = made_result(ERRORS, squareness=SQUARE)
-        field = curve_field_um(curves_of(result, FUNCTIONS, {"C0Y": c0y, "B0Z": b0z, "A0Z": a0z}))
+        field = curve_field_um(
+            curves_of(result, FUNCTIONS, {"C0Y": c0y, "B0Z": b0z, "A0Z": a0z})
+        )
         left = without_rigid_motion(VOLUME, POINTS, field - error_field_um(result, POINTS))
         assert np.max(np.abs(left)) < 1e-9
 
     def test_each_squareness_is_in_exactly_one_curve(self):
         parts = [
-            part for curve in curves_of(made_result(squareness=SQUARE)) for part in curve.parts
+            part
+            for curve in curves_of(made_result(squareness=SQUARE))
+            for part in curve.parts
         ]
         assert sorted(part for part in parts if part in SQUARE) == ["A0Z", "B0Z", "C0Y"]
 
@@ -109,9 +113,9 @@ class TestReversal:
 
 def test_reversal_that_is_no_more_than_chance_makes_no_second_direction():
     """0.8 µm known to 0.3 µm (k = 1) is within three standard uncertainties."""
-    curve = curves_of(made_result({"EXX": [0, 1, 2, 3, 4]}, reversal={"EXX": [0.8] * 5}), ["EXX"])[
-        0
-    ]
+    curve = curves_of(
+        made_result({"EXX": [0, 1, 2, 3, 4]}, reversal={"EXX": [0.8] * 5}), ["EXX"]
+    )[0]
     assert curve.reverse_um is None
 
 
@@ -120,4 +124,6 @@ def test_reversal_without_its_constant_part_makes_no_second_direction():
     convention."""
     result = made_result({"EXX": [0, 1, 2, 3, 4]}, reversal={"EXX": [0, 4, 4, 4, 8]})
     relative = replace(result.reversal["EXX"], u=np.array([0.0, 0.3, 0.3, 0.3, 0.3]))
-    assert curves_of(replace(result, reversal={"EXX": relative}), ["EXX"])[0].reverse_um is None
+    assert (
+        curves_of(replace(result, reversal={"EXX": relative}), ["EXX"])[0].reverse_um is None
+    )

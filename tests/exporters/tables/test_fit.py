@@ -41,7 +41,9 @@ def drawn(seed: int, chain: str = "FXYZ", angle_urad: float = 10.0) -> Result:
     }
     squareness = {name: float(rng.normal(0.0, 20.0)) for name in ("C0Y", "B0Z", "A0Z")}
     angles = {name: wave(angle_urad) for name in ROTATIONS}
-    return made_result(shapes, squareness=squareness, angles=angles, chain=chain, volume=VOLUME)
+    return made_result(
+        shapes, squareness=squareness, angles=angles, chain=chain, volume=VOLUME
+    )
 
 
 def left_um(
@@ -60,7 +62,9 @@ def left_um(
         along = np.interp(
             points[:, "XYZ".index(product.input_axis)], product.position_mm, product.value_um
         )
-        lever = (points[:, "XYZ".index(product.by_axis)] - product.middle_mm) / product.half_mm
+        lever = (
+            points[:, "XYZ".index(product.by_axis)] - product.middle_mm
+        ) / product.half_mm
         left[:, "XYZ".index(product.output_axis)] -= along * lever
     return without_rigid_motion(VOLUME, points, left)
 
@@ -83,10 +87,13 @@ class TestCurves:
             )  # the grid's mean is not the integral's
 
     @pytest.mark.parametrize("chain", CHAINS)
-    def test_far_less_is_left_than_by_the_curves_on_the_corner_lines(self, chain: str) -> None:
+    def test_far_less_is_left_than_by_the_curves_on_the_corner_lines(
+        self, chain: str
+    ) -> None:
         result = drawn(2, chain)
         corner, volume = (
-            rms_um(left_um(result, curves)) for curves in (curves_of(result), fitted(result).curves)
+            rms_um(left_um(result, curves))
+            for curves in (curves_of(result), fitted(result).curves)
         )
         assert volume < 0.75 * corner
 
@@ -115,7 +122,8 @@ class TestCurves:
         plain = replace(result, errors={name: result.errors[name] for name in FUNCTIONS})
         for ours, known in zip(fitted(plain).curves, curves_of(plain), strict=True):
             assert ours is known or (
-                ours.parts == known.parts and np.array_equal(ours.forward_um, known.forward_um)
+                ours.parts == known.parts
+                and np.array_equal(ours.forward_um, known.forward_um)
             )
         assert fitted(plain).products == ()
 
@@ -136,17 +144,24 @@ class TestCurves:
         back = made_result(
             reversal={"EXX": [0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.5]}, volume=VOLUME
         ).reversal
-        (curve,) = [c for c in fitted(replace(result, reversal=back)).curves if c.name == "EXX"]
+        (curve,) = [
+            c for c in fitted(replace(result, reversal=back)).curves if c.name == "EXX"
+        ]
         assert curve.reverse_um is not None
         np.testing.assert_allclose(
-            np.interp(curve.position_mm, VOLUME.nodes_mm(0), [0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.5]),
+            np.interp(
+                curve.position_mm, VOLUME.nodes_mm(0), [0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.5]
+            ),
             curve.forward_um - curve.reverse_um,
             atol=1e-9,
         )
 
     @pytest.mark.parametrize(
         "into",
-        [{"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"}, {"C0Y": "EYX", "B0Z": "EZX", "A0Z": "EZY"}],
+        [
+            {"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"},
+            {"C0Y": "EYX", "B0Z": "EZX", "A0Z": "EZY"},
+        ],
     )
     def test_the_slopes_stand_where_the_profile_wants_the_squareness(
         self, into: dict[str, str]
@@ -155,13 +170,17 @@ class TestCurves:
         round."""
         result = drawn(6)
         curves = {curve.name: curve for curve in fitted(result, fold=into).curves}
-        others = [name for name in FUNCTIONS if name[1] != name[2] and name not in into.values()]
+        others = [
+            name for name in FUNCTIONS if name[1] != name[2] and name not in into.values()
+        ]
         for name in others:
             assert curves[name].mean_um[-1] - curves[name].mean_um[0] == pytest.approx(
                 0.0, abs=1e-9
             )
         both = rms_um(left_um(result, fitted(result).curves))
-        assert rms_um(left_um(result, tuple(curves.values()))) == pytest.approx(both, rel=1e-6)
+        assert rms_um(left_um(result, tuple(curves.values()))) == pytest.approx(
+            both, rel=1e-6
+        )
 
 
 ZONE = {"Y": (350.0, 450.0), "Z": (0.0, 100.0)}
@@ -184,7 +203,9 @@ class TestWorkingZone:
         )
         assert zone < 0.8 * whole
 
-    @pytest.mark.parametrize("zone", [(0.0, 100.0), (100.0, 100.0), (200.0, 100.0), (300.0, 500.0)])
+    @pytest.mark.parametrize(
+        "zone", [(0.0, 100.0), (100.0, 100.0), (200.0, 100.0), (300.0, 500.0)]
+    )
     def test_a_zone_that_was_not_measured_is_refused(self, zone: tuple[float, float]) -> None:
         with pytest.raises(UsageError, match=r"axes\.Y\.working_mm"):
             fitted(drawn(7), zone={"Y": zone})
@@ -207,7 +228,8 @@ class TestProducts:
             (p.rms_um for p in found.products), reverse=True
         )
         without, with_first = (
-            rms_um(left_um(result, found.curves, products)) for products in ((), found.products[:1])
+            rms_um(left_um(result, found.curves, products))
+            for products in ((), found.products[:1])
         )
         assert np.sqrt(without**2 - with_first**2) == pytest.approx(
             found.products[0].rms_um, rel=0.2
@@ -241,7 +263,9 @@ class TestProducts:
 
     def test_an_active_product_that_bends_is_refused(self) -> None:
         bent = Multiplier(
-            axis="Y", position_mm=np.array([50.0, 100.0, 450.0]), value=np.array([-1.0, 0.9, 1.0])
+            axis="Y",
+            position_mm=np.array([50.0, 100.0, 450.0]),
+            value=np.array([-1.0, 0.9, 1.0]),
         )
         active = Table(
             kind="cec",

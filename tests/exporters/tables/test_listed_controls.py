@@ -33,7 +33,9 @@ def listed(controller, which, values, names=("EXX",), **more):
 class TestMitsubishi:
     def parameters(self, files):
         lines = [
-            line.split() for line in files[0].data.decode().splitlines() if not line.startswith(";")
+            line.split()
+            for line in files[0].data.decode().splitlines()
+            if not line.startswith(";")
         ]
         return {int(number[1:]): value for number, value in lines}
 
@@ -46,7 +48,13 @@ class TestMitsubishi:
         """
         _, files = listed(Mitsubishi(), profile("mitsubishi"), {"EXX": EXAMPLE})
         parameters = self.parameters(files)
-        assert [parameters[number] for number in range(4101, 4106)] == ["6", "2", "0", "4", "6"]
+        assert [parameters[number] for number in range(4101, 4106)] == [
+            "6",
+            "2",
+            "0",
+            "4",
+            "6",
+        ]
         assert [parameters[number] for number in range(4000, 4008)] == [
             "1",
             "AX1",
@@ -60,9 +68,17 @@ class TestMitsubishi:
 
     def test_absolute_data(self):
         """#4000 = 0: the amounts themselves."""
-        _, files = listed(Mitsubishi(), profile("mitsubishi", data="absolute"), {"EXX": EXAMPLE})
+        _, files = listed(
+            Mitsubishi(), profile("mitsubishi", data="absolute"), {"EXX": EXAMPLE}
+        )
         parameters = self.parameters(files)
-        assert [parameters[number] for number in range(4101, 4106)] == ["-8", "-2", "0", "4", "10"]
+        assert [parameters[number] for number in range(4101, 4106)] == [
+            "-8",
+            "-2",
+            "0",
+            "4",
+            "10",
+        ]
         assert parameters[4000] == "0"
 
     @pytest.mark.parametrize("data", ["incremental", "absolute"])
@@ -96,7 +112,10 @@ class TestMitsubishi:
         compensated axis may differ."""
         which = profile("mitsubishi")
         _, files = listed(
-            Mitsubishi(), which, {"EXX": EXAMPLE, "EXY": [0.0, 2.0, 4.0, 2.0, 0.0]}, ("EXX", "EXY")
+            Mitsubishi(),
+            which,
+            {"EXX": EXAMPLE, "EXY": [0.0, 2.0, 4.0, 2.0, 0.0]},
+            ("EXX", "EXY"),
         )
         parameters = self.parameters(files)
         assert [parameters[number] for number in (4011, 4012, 4013, 4014)] == [
@@ -113,11 +132,18 @@ class TestMitsubishi:
         which = profile("mitsubishi")
         off = replace(
             which,
-            axes={**which.axes, "X": msgspec.structs.replace(which.axes["X"], reference_mm=10.0)},
+            axes={
+                **which.axes,
+                "X": msgspec.structs.replace(which.axes["X"], reference_mm=10.0),
+            },
         )
         for bad, values, code in (
             (off, {"EXX": EXAMPLE}, "reference-unfit.between"),
-            (profile("mitsubishi", first_data=5122), {"EXX": EXAMPLE}, "control-full.numbers"),
+            (
+                profile("mitsubishi", first_data=5122),
+                {"EXX": EXAMPLE},
+                "control-full.numbers",
+            ),
             (which, {"EXX": [0.0, 90000.0, 0.0, 0.0, 0.0]}, "field-too-narrow.value"),
         ):
             with pytest.raises(SafetyError) as refused:
@@ -150,7 +176,8 @@ class TestMitsubishi:
             Mitsubishi().parse(
                 [
                     replace(
-                        files[0], data=files[0].data.replace(*[text.encode() for text in change])
+                        files[0],
+                        data=files[0].data.replace(*[text.encode() for text in change]),
                     )
                 ],
                 which,
@@ -181,7 +208,10 @@ class TestFagor:
     def test_a_reverse_column_of_zeros_cannot_be_told_from_none(self):
         """Error only in +: the control would use the + column in both directions."""
         which = profile("fagor", direction="both")
-        values, reversal = {"EXX": [5.0, 4.0, 0.0, 2.0, 1.0]}, {"EXX": [10.0, 8.0, 0.0, 4.0, 2.0]}
+        values, reversal = (
+            {"EXX": [5.0, 4.0, 0.0, 2.0, 1.0]},
+            {"EXX": [10.0, 8.0, 0.0, 4.0, 2.0]},
+        )
         with pytest.raises(SafetyError) as refused:
             listed(FAGOR, which, values, reversal=reversal)
         assert refused.value.code == "direction-unfit.column"

@@ -68,7 +68,9 @@ class Case:
 @cache
 def surveyed(seed: int) -> Case:
     bench = Bench(seed=seed, angle_urad=10.0)
-    volume = Volume(origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments)
+    volume = Volume(
+        origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments
+    )
     points = grid_points_mm(volume, 9)
     result = solve(bench.survey(), angles=bench.angles(1.0), assumed=IDEAL)
     return Case(result, fitted(result), volume, points, bench.machine.error_at(points))
@@ -86,7 +88,9 @@ def virtual_um(name: str, files: tuple[ControlFile, ...], points_mm: Vector) -> 
             (table.correction_mm(points_mm, still) for table in control.tables()), still
         )
     if name == "beckhoff":
-        return 1e3 * load_volumetric(texts["volumetric_errors.csv"]).correction_mm(points_mm, still)
+        return 1e3 * load_volumetric(texts["volumetric_errors.csv"]).correction_mm(
+            points_mm, still
+        )
     tables = {file[5:8]: text for file, text in texts.items() if file.endswith(".COM")}
     names = {"AX1": "X", "AX2": "Y", "AX3": "Z"}
     return 1e3 * load_tables(
@@ -100,14 +104,20 @@ class TestReached:
         ("name", "options"),
         [("siemens", {}), ("beckhoff", {}), ("heidenhain", {"generation": "itnc530"})],
     )
-    def test_nine_tables_reach_the_goal_on_the_control_of_the_manual(self, seed, name, options):
+    def test_nine_tables_reach_the_goal_on_the_control_of_the_manual(
+        self, seed, name, options
+    ):
         case = surveyed(seed)
         moved = virtual_um(name, case.files(name, **options), case.points_mm)
         corner = (
-            controller_named("siemens").plan(curves_of(case.result), case.profile("siemens")).tables
+            controller_named("siemens")
+            .plan(curves_of(case.result), case.profile("siemens"))
+            .tables
         )
         assert case.left_um(moved) < GOALS_UM[seed]
-        assert case.left_um(moved) < 0.9 * case.left_um(mean_correction_um(corner, case.points_mm))
+        assert case.left_um(moved) < 0.9 * case.left_um(
+            mean_correction_um(corner, case.points_mm)
+        )
 
     @pytest.mark.parametrize("name", ["mitsubishi", "neutral"])
     def test_and_by_the_stated_law_of_the_others(self, seed, name):

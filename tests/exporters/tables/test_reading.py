@@ -31,7 +31,9 @@ def written(name: str) -> tuple[list[ControlFile], Profile]:
         curves_of(RESULT, profile.machine.functions, profile.machine.squareness_into), profile
     )
     settled = replace(profile, options=plan.options or profile.options)
-    return [file for file in control.render(plan.tables, settled) if file.role == "data"], settled
+    return [
+        file for file in control.render(plan.tables, settled) if file.role == "data"
+    ], settled
 
 
 def moved_um(name: str, files: list[ControlFile], profile: Profile) -> np.ndarray:
@@ -61,7 +63,9 @@ class TestEveryControl:
             return
         files, profile = written(name)
         whole, lines = moved_um(name, files, profile), files[0].data.splitlines(keepends=True)
-        for count in sorted({*range(1, len(lines), max(1, len(lines) // 30)), len(lines) - 1}):
+        for count in sorted(
+            {*range(1, len(lines), max(1, len(lines) // 30)), len(lines) - 1}
+        ):
             cut = replace(files[0], data=b"".join(lines[:count]))
             try:
                 left = moved_um(name, [cut, *files[1:]], profile)
@@ -81,12 +85,16 @@ class TestEveryControl:
         (b"$MA_ENC_COMP_ENABLE[0,AX1]=0", "switched on at the end, found"),
     ],
 )
-def test_a_part_program_that_weighs_or_switches_off_is_no_source_of_active_tables(changed, found):
+def test_a_part_program_that_weighs_or_switches_off_is_no_source_of_active_tables(
+    changed, found
+):
     control, profile = controller_named("siemens"), profile_of("siemens", VOLUME)
     plan = control.plan(
         curves_of(RESULT, profile.machine.functions, profile.machine.squareness_into), profile
     )
-    programs = [file for file in control.render(plan.tables, profile) if file.name.endswith(".MPF")]
+    programs = [
+        file for file in control.render(plan.tables, profile) if file.name.endswith(".MPF")
+    ]
     kind = b"ENC" if b"ENC" in changed else b"CEC"
     altered = [
         replace(file, data=file.data.replace(b"M30", changed + b"\nM30"))

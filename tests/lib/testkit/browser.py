@@ -31,8 +31,12 @@ def launch(playwright: Playwright) -> Browser:
     """
     expect.set_options(timeout=PATIENCE_MS)
     program = shutil.which("chromium-headless-shell")
-    assert program, "chromium-headless-shell is needed: apt-get install chromium-headless-shell"
-    return playwright.chromium.launch(executable_path=program, chromium_sandbox=False, args=QUIET)
+    assert program, (
+        "chromium-headless-shell is needed: apt-get install chromium-headless-shell"
+    )
+    return playwright.chromium.launch(
+        executable_path=program, chromium_sandbox=False, args=QUIET
+    )
 
 
 class Watched:
@@ -60,7 +64,9 @@ class Watched:
         """Open the page in a context of its own and wait for the first picture; ``change`` puts
         other words into its scripts."""
         context = self._browser.new_context(
-            viewport={"width": width, "height": height}, color_scheme=scheme, accept_downloads=True
+            viewport={"width": width, "height": height},
+            color_scheme=scheme,
+            accept_downloads=True,
         )
         self._contexts.append(context)
         self._addresses.add(address)

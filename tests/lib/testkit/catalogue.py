@@ -4,5 +4,7 @@ import tomllib
 from importlib.resources import files
 
 SECTIONS = tuple(
-    tomllib.loads(files("stepdiag.texts").joinpath("catalogue.toml").read_text(encoding="utf-8"))
+    tomllib.loads(
+        files("stepdiag.texts").joinpath("catalogue.toml").read_text(encoding="utf-8")
+    )
 )

@@ -66,7 +66,9 @@ def stepdiag(*arguments: object) -> Told:
     _audited()
     _watched.append(str(arguments[0]) if arguments else "")
     try:
-        result = typer.testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
+        result = typer.testing.CliRunner().invoke(
+            app, [str(argument) for argument in arguments]
+        )
     finally:
         _watched.pop()
     if isinstance(result.exception, StepdiagError):

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from stepdiag.daq.timing.samples import Decoder
 from testkit.streams import assert_same, feed_all, joined, pieces
 
-INHERITED = settings(suppress_health_check=[HealthCheck.differing_executors, HealthCheck.too_slow])
+INHERITED = settings(
+    suppress_health_check=[HealthCheck.differing_executors, HealthCheck.too_slow]
+)
 CUTS = st.lists(st.integers(0, 6000), max_size=12)
 
 
@@ -32,7 +34,9 @@ class DecoderContract:
         assert_same(whole, feed_all(self.make(), pieces(stream, cuts)))
         assert_same(
             whole,
-            feed_all(self.make(), [stream[at : at + 1] for at in range(len(stream))] or [b""]),
+            feed_all(
+                self.make(), [stream[at : at + 1] for at in range(len(stream))] or [b""]
+            ),
         )
 
     @INHERITED

@@ -21,7 +21,9 @@ BEGIN, END = (
     "<!-- end of files after faults -->",
 )
 STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n'
-COUNTED = STOPPED + "[plc.signals.stop_count]\naddress = 1\n[plc.signals.setup]\naddress = 3\n"
+COUNTED = (
+    STOPPED + "[plc.signals.stop_count]\naddress = 1\n[plc.signals.setup]\naddress = 3\n"
+)
 SIGNALS = {"": "all", STOPPED: "`stopped` alone", COUNTED: "`stopped`, `setup`, `stop_count`"}
 FILES, OPEN, MISSING = "files", "no files: doubted", "no files: asked for again"
 SWAPPED = {"swapped": (("ppp", "npp"), ("npp", "ppp"))}
@@ -90,12 +92,24 @@ CASES = (
         ("reading-differs",),
         (*_one("touched", 4, 55.0), *_one("abort", 4, 2)),
     ),
-    Case("aborted and driven again whole", FILES, ("stop-again",), _one("abort", 4, 4), STOPPED),
     Case(
-        "aborted and driven again from a stop", FILES, ("stop-again",), _one("abort", 4, 2), COUNTED
+        "aborted and driven again whole", FILES, ("stop-again",), _one("abort", 4, 4), STOPPED
+    ),
+    Case(
+        "aborted and driven again from a stop",
+        FILES,
+        ("stop-again",),
+        _one("abort", 4, 2),
+        COUNTED,
     ),
     Case("feed hold half way", FILES, ("between-stops",), _one("hold"), STOPPED),
-    Case("driven home in the middle of a pass", FILES, ("between-stops",), _one("home"), STOPPED),
+    Case(
+        "driven home in the middle of a pass",
+        FILES,
+        ("between-stops",),
+        _one("home"),
+        STOPPED,
+    ),
     Case(
         "program left in the middle, the next setup begun",
         MISSING,
@@ -104,7 +118,9 @@ CASES = (
         STOPPED,
     ),
     Case("counter misses a stop", FILES, ("count-stuck",), _one("missed"), COUNTED),
-    Case("counter counts a stop twice", FILES, ("count-disagrees",), _one("doubled"), COUNTED),
+    Case(
+        "counter counts a stop twice", FILES, ("count-disagrees",), _one("doubled"), COUNTED
+    ),
     Case(
         "count slips by 200 µm, driven once",
         OPEN,
@@ -135,7 +151,10 @@ CASES = (
         drive={"back": True},
     ),
     Case(
-        "by 20 µm in a run along an axis", OPEN, ("angles-far",), _one("slip", 1, 20.0, "linear-y")
+        "by 20 µm in a run along an axis",
+        OPEN,
+        ("angles-far",),
+        _one("slip", 1, 20.0, "linear-y"),
     ),
     Case("a step of 5 µm inside a dwell", OPEN, ("window-step",), _one("jump", 3, 5.0)),
     Case("reading frozen for a dwell", OPEN, ("laser-frozen",), _one("frozen")),
@@ -148,16 +167,28 @@ CASES = (
         again=("ppp",),
     ),
     Case("laser reset on the way", MISSING, ("step-mismatch",), _one("reset")),
-    Case("laser counts the other way round", MISSING, ("wrong-laser-sign",), bench={"sign": -1.0}),
+    Case(
+        "laser counts the other way round",
+        MISSING,
+        ("wrong-laser-sign",),
+        bench={"sign": -1.0},
+    ),
     Case(
         "bytes of the laser lost or changed for half a second",
         OPEN,
         ("bytes-garbled", "laser-unwatched"),
         _one("garbage", 3, 0.3),
     ),
-    Case("a stop that the machine does not signal", OPEN, ("stop-recovered",), _one("unsignalled")),
+    Case(
+        "a stop that the machine does not signal",
+        OPEN,
+        ("stop-recovered",),
+        _one("unsignalled"),
+    ),
     Case("a stop that is not driven", MISSING, ("stop-lost",), _one("skipped")),
-    Case("the first stop is not driven", MISSING, ("stop-lost",), _one("skipped", 0), COUNTED),
+    Case(
+        "the first stop is not driven", MISSING, ("stop-lost",), _one("skipped", 0), COUNTED
+    ),
     Case(
         "the first stop is not driven, the pass driven again",
         FILES,
@@ -186,7 +217,9 @@ CASES = (
     ),
     Case("air at 0.00 C at one stop", FILES, ("conditions-held",), _one("air")),
     Case("101.3 hPa at one stop", FILES, ("conditions-held",), _one("pressure", 3, 1013)),
-    Case("100.3 % humidity at one stop", FILES, ("conditions-held",), _one("humidity", 3, 1003)),
+    Case(
+        "100.3 % humidity at one stop", FILES, ("conditions-held",), _one("humidity", 3, 1003)
+    ),
     Case(
         "material 35 C at one stop",
         FILES,
@@ -205,7 +238,9 @@ def run(case, folder):
     for setup in (*SETUPS, *case.again):
         program.drive(setup)
     (folder / "logs").mkdir()
-    text = survey_file(size=drive["size"], back=drive.get("back", False), signals=case.signals)
+    text = survey_file(
+        size=drive["size"], back=drive.get("back", False), signals=case.signals
+    )
     _, found = recorded(folder / "logs", text, program.events(**case.bench))
     done = judged(folder, folder / "logs", machine, drive["size"])
     return done, {each.code for each in found} | done.codes

@@ -104,7 +104,9 @@ def write_rounds(folder: Path, squareness: Sequence[float], tolerance: float | N
         target = folder / f"{number + 1:04d}"
         target.mkdir(exist_ok=True)
         judged = (
-            result if tolerance is None else with_tolerance(result, {"squareness_urad": tolerance})
+            result
+            if tolerance is None
+            else with_tolerance(result, {"squareness_urad": tolerance})
         )
         for old in target.glob(f"{RESULT}*"):
             old.unlink()
@@ -133,7 +135,9 @@ def write_history(
             software="1",
             conditions="{}",
         )
-        rows = [Row(quantity=quantity, axis="", position_mm=None, value=value, u=u, unit="um")]
+        rows = [
+            Row(quantity=quantity, axis="", position_mm=None, value=value, u=u, unit="um")
+        ]
         put_table(
             store,
             Place(machine, str(time.year), survey),
@@ -145,7 +149,9 @@ def write_history(
 
 def whole_result_rows(dice: np.random.Generator, drift: float, nodes: int = 11) -> list[Row]:
     """Return the rows of a result with all 18 functions, as many numbers as a usual survey has."""
-    rows = [Row(quantity=RMS, axis="", position_mm=None, value=abs(5 + drift), u=0.5, unit="um")]
+    rows = [
+        Row(quantity=RMS, axis="", position_mm=None, value=abs(5 + drift), u=0.5, unit="um")
+    ]
     for axis in "XYZ":
         for component in "XYZABC":
             values = np.cumsum(dice.normal(0, 1, nodes)) + drift

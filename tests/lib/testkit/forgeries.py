@@ -105,7 +105,9 @@ def listed_anew(store: Store, place: Place) -> None:
     listed.write_bytes(manifest_of(place, files, _hash(Path(store.path(place.table)))))
 
 
-def edited_index(store: Store, column: str, edit: Callable[[list[Any]], Sequence[Any]]) -> None:
+def edited_index(
+    store: Store, column: str, edit: Callable[[list[Any]], Sequence[Any]]
+) -> None:
     """Change a column of the index, and write its hash anew."""
     path = Path(store.path(INDEX))
     path.write_bytes(unsealed(path.read_bytes(), INDEX))
@@ -126,7 +128,10 @@ def signing_key(folder: Path) -> tuple[Path, Path]:
     from cryptography.hazmat.primitives.asymmetric import ec
 
     key = ec.generate_private_key(ec.SECP256R1())
-    name, now = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "Lab")]), datetime.now(UTC)
+    name, now = (
+        x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "Lab")]),
+        datetime.now(UTC),
+    )
     made = (
         x509.CertificateBuilder()
         .subject_name(name)
@@ -134,10 +139,14 @@ def signing_key(folder: Path) -> tuple[Path, Path]:
         .public_key(key.public_key())
         .serial_number(1)
     )
-    made = made.not_valid_before(now - timedelta(days=1)).not_valid_after(now + timedelta(days=1))
+    made = made.not_valid_before(now - timedelta(days=1)).not_valid_after(
+        now + timedelta(days=1)
+    )
     pem = serialization.Encoding.PEM
     (folder / "key.pem").write_bytes(
-        key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+        key.private_bytes(
+            pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+        )
     )
     (folder / "cert.pem").write_bytes(made.sign(key, hashes.SHA256()).public_bytes(pem))
     return folder / "key.pem", folder / "cert.pem"
@@ -145,7 +154,9 @@ def signing_key(folder: Path) -> tuple[Path, Path]:
 
 def rehashed(folder: Path, before: bytes, name: str) -> None:
     """Write the new hash of a file wherever the old one stands: a forger who knows the chain."""
-    old, new = (hashlib.sha256(data).hexdigest() for data in (before, (folder / name).read_bytes()))
+    old, new = (
+        hashlib.sha256(data).hexdigest() for data in (before, (folder / name).read_bytes())
+    )
     for path in (folder / "result.json", folder / "c.xml"):
         path.write_text(
             path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8", newline=""

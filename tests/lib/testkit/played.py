@@ -116,7 +116,10 @@ class PlayedSurvey:
             if name
         )
         drawn = geometry(
-            Plan(volume=VOLUME, runs=runs), setups, expects, self.fields.get("expects_pass", 1)
+            Plan(volume=VOLUME, runs=runs),
+            setups,
+            expects,
+            self.fields.get("expects_pass", 1),
         )
         fields = {"strip": self._strip(now), **self.fields}
         return Snapshot(
@@ -135,7 +138,8 @@ class PlayedSurvey:
         first = int(now / STRIP_BIN_S) - STRIP_BINS + 1
         noise = 1e-4 * np.sin(0.7 * np.arange(first, first + STRIP_BINS) ** 2)
         low, high = (
-            tuple((self.fields["reading_mm"] + noise + side).tolist()) for side in (-5e-5, 5e-5)
+            tuple((self.fields["reading_mm"] + noise + side).tolist())
+            for side in (-5e-5, 5e-5)
         )
         return StripStatus(first=first, bin_s=STRIP_BIN_S, low_mm=low, high_mm=high)
 
@@ -203,7 +207,9 @@ class PlayedSurvey:
             tilt_live=True,
         )
 
-    def _progress(self, running: str, pass_number: int, stops_done: int) -> tuple[SetupStatus, ...]:
+    def _progress(
+        self, running: str, pass_number: int, stops_done: int
+    ) -> tuple[SetupStatus, ...]:
         at = SETUPS.index(running)
         return tuple(
             _setup(name, "done", 62)
@@ -219,7 +225,9 @@ class PlayedSurvey:
         result = made_up_result()
         (self.place / "result.json").write_text(result.to_json(), encoding="utf-8")
         out = self.place / "exports" / "siemens"
-        written = export(result, "siemens", None, step_mm=25.0, out_dir=out, today=date(2026, 1, 1))
+        written = export(
+            result, "siemens", None, step_mm=25.0, out_dir=out, today=date(2026, 1, 1)
+        )
         correction = exported_of(written).correction
         told = conclusion_json(
             conclude(result, [Export(controller="siemens", untested=("EEC",), reach=REACH)]),
@@ -235,7 +243,11 @@ class PlayedSurvey:
         )
         setups = tuple(_setup(name, "done", 62) for name in SETUPS)
         self.publish(
-            phase="complete", expects_setup="", setups=setups, result_ready=True, findings=findings
+            phase="complete",
+            expects_setup="",
+            setups=setups,
+            result_ready=True,
+            findings=findings,
         )
 
 
@@ -287,7 +299,9 @@ def _beginning() -> dict[str, Any]:
 class Served:
     """A page in its own process, kept by a loop in a thread of the test as the daemon keeps it."""
 
-    def __init__(self, survey: PlayedSurvey, address: str, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(
+        self, survey: PlayedSurvey, address: str, loop: asyncio.AbstractEventLoop
+    ) -> None:
         self.survey = survey
         self.address = address
         self._loop = loop
@@ -319,7 +333,12 @@ class Served:
 
 @contextmanager
 def served(
-    folder: Path, *, port: int = 0, token: str = "", language: Language = "en", **settings: Any
+    folder: Path,
+    *,
+    port: int = 0,
+    token: str = "",
+    language: Language = "en",
+    **settings: Any,
 ) -> Iterator[Served]:
     """Serve a played survey while the block runs."""
     ready: list[Served] = []

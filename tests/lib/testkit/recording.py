@@ -43,7 +43,9 @@ def recording(
     polls = 0
     for first in range(0, int(seconds * rate_hz), lines_per_chunk):
         numbers = range(first, first + lines_per_chunk)
-        time_ns = START_NS + numbers[-1] * 1_000_000 // rate_hz * 1000 + first * 7919 % 90 * 1000
+        time_ns = (
+            START_NS + numbers[-1] * 1_000_000 // rate_hz * 1000 + first * 7919 % 90 * 1000
+        )
         events.append(Chunk("laser", time_ns, b"".join(map(laser_line, numbers))))
         while polls * SECOND_NS < (time_ns - START_NS) * poll_hz:
             answer_us = 200 + polls * 37 % 300

@@ -40,7 +40,15 @@ min_window_s = 0.2
 """
 
 STOPPED_ONLY = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n'
-SETUPS = {"ppp": 1, "npp": 2, "pnp": 3, "ppn": 4, "linear-x": 11, "linear-y": 12, "linear-z": 13}
+SETUPS = {
+    "ppp": 1,
+    "npp": 2,
+    "pnp": 3,
+    "ppn": 4,
+    "linear-x": 11,
+    "linear-y": 12,
+    "linear-z": 13,
+}
 BLOCK = (ReadRange("holding", 0, 14),)
 
 
@@ -144,7 +152,9 @@ class Timeline:
         for begin, end in self.schedule():
             swing = (t >= begin) & (t < end)
             since = np.maximum(t - begin, 0.0)
-            value = value + np.where(swing, 5e-3 * np.exp(-since / 0.03) * np.sin(150 * since), 0.0)
+            value = value + np.where(
+                swing, 5e-3 * np.exp(-since / 0.03) * np.sin(150 * since), 0.0
+            )
         return value
 
     def columns(self):
@@ -166,7 +176,10 @@ class Timeline:
         over."""
         t, value, beam = self.columns()
         rng = np.random.default_rng(self.seed + 2)
-        chunks, arrivals = [], np.maximum.accumulate(t + 0.001 + rng.exponential(3e-4, len(t)))
+        chunks, arrivals = (
+            [],
+            np.maximum.accumulate(t + 0.001 + rng.exponential(3e-4, len(t))),
+        )
         pick = 0
         while pick < len(t):
             size = int(rng.integers(1, 10))

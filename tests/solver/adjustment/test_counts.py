@@ -17,7 +17,9 @@ def test_counts_of_repeats_that_share_their_rows_are_as_by_the_definition():
     assert len(found) == 12
     for count in found:
         rows, weight = fixed.rows.select(count.rows).dense(), fixed.weight[count.rows]
-        left = np.diag(weight) - weight[:, None] * (rows @ fixed.inverse.solve(rows.T)) * weight
+        left = (
+            np.diag(weight) - weight[:, None] * (rows @ fixed.inverse.solve(rows.T)) * weight
+        )
         steps = np.tril(np.ones((len(left), len(left))))
         scale = 1e-9 * np.max(weight)
         np.testing.assert_allclose(count.stop, np.diag(left), atol=scale)

@@ -10,7 +10,11 @@ import pytest
 from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.solver.adjustment.adjustment import adjust
 from stepdiag.solver.adjustment.counts import counts, steps_of
-from stepdiag.solver.adjustment.diagnostics import scale_misclosure, setup_findings, setup_reports
+from stepdiag.solver.adjustment.diagnostics import (
+    scale_misclosure,
+    setup_findings,
+    setup_reports,
+)
 from stepdiag.solver.adjustment.evidence import response_of
 from stepdiag.solver.adjustment.faults import families
 from stepdiag.solver.adjustment.smoothness import roughness
@@ -52,7 +56,11 @@ def stepped(readings, size_um, seed):
     stop = int(rng.integers(2, len(rows) - 1))
     later = list(rows[stop:])
     for other, its in passes:
-        if readings.zero[rows[0]] >= 0 and other.setup == key.setup and other.number > key.number:
+        if (
+            readings.zero[rows[0]] >= 0
+            and other.setup == key.setup
+            and other.number > key.number
+        ):
             later += list(its)
     reading = readings.reading_mm.copy()
     reading[later] += size_um * 1e-3
@@ -107,7 +115,9 @@ def scores(bench, result):
     found += [
         (q.value - truth.squareness_urad[name]) / q.u for name, q in result.squareness.items()
     ]
-    return found + [(s.value - truth.scale_um_m[axis]) / s.u for axis, s in result.scale.items()]
+    return found + [
+        (s.value - truth.scale_um_m[axis]) / s.u for axis, s in result.scale.items()
+    ]
 
 
 def test_a_step_too_small_to_prove_lies_within_u_or_is_refused():
@@ -179,7 +189,9 @@ def test_a_walk_of_a_whole_pass_lies_within_u_or_is_refused(step_um):
 
 
 @pytest.mark.parametrize("um_m", [100.0, 200.0])
-def test_a_setup_that_is_off_by_more_than_any_shop_is_refused_with_every_setup_that_could_be(um_m):
+def test_a_setup_that_is_off_by_more_than_any_shop_is_refused_with_every_setup_that_could_be(
+    um_m,
+):
     """One length compares all seven setups. 70 µm/m on one diagonal are refused in one survey of
     two, 50 µm/m are said."""
     for seed in spread((101, 102), 2):

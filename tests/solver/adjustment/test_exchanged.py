@@ -48,7 +48,10 @@ def test_exchanged_diagonals_are_named_and_put_right(first, second, how):
         found = adjust(lay_out(exchanged(readings, first, second)), "FXYZ")
         named = [one for one in found.findings if one.key == NAMED]
         assert [one.severity for one in named] == ["error"]
-        assert {named[0].message.arguments[name] for name in ("first", "second")} == {first, second}
+        assert {named[0].message.arguments[name] for name in ("first", "second")} == {
+            first,
+            second,
+        }
         functions = slice(0, 90)
         assert found.fit.unknowns[functions] == pytest.approx(
             right.fit.unknowns[functions], abs=0.1

@@ -32,7 +32,9 @@ def test_what_decides_has_at_most_fifteen_figures_each_with_its_reason():
     none."""
     figures = 0
     for name in FAMILY:
-        source = Path(explanations.__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
+        source = (
+            Path(explanations.__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
+        )
         for one, after in pairwise(ast.parse(source).body):
             every = list(ast.walk(one.value)) if isinstance(one, ast.Assign) else []
             numbers = {
@@ -53,7 +55,9 @@ def test_shares_are_probabilities_and_nothing_less_than_one_in_twenty_is_among_t
     share = shares(np.array(odds), KINDS)
     assert np.all(share >= 0.0)
     assert np.sum(share) <= 1.0 + 1e-9
-    kinds = [float(np.sum(share, where=np.equal(KINDS, kind))) for kind in (SCALE, PRODUCT, GROWN)]
+    kinds = [
+        float(np.sum(share, where=np.equal(KINDS, kind))) for kind in (SCALE, PRODUCT, GROWN)
+    ]
     most = max(*kinds, 1.0 - sum(kinds))
     # of a kind, those that have little of its best are left out: at most nine twentieths of it
     assert all(one == 0.0 or 1.45 * one * ODDS >= 0.99 * most for one in kinds)
@@ -94,7 +98,8 @@ def test_a_machine_beside_the_model_is_named_or_in_the_mixture(product, size_um)
             lay_out(replace(readings, reading_mm=readings.reading_mm + 1e-3 * column)), "FXYZ"
         ).explained
         sizes = {
-            list(PRODUCTS)[result.named[at]]: result.size[at] for at in result.probable(PRODUCT)
+            list(PRODUCTS)[result.named[at]]: result.size[at]
+            for at in result.probable(PRODUCT)
         }
         assert product in sizes
         assert sizes[product] == pytest.approx(size_um, abs=0.4 * abs(size_um))
@@ -104,7 +109,9 @@ def test_a_machine_beside_the_model_is_named_or_in_the_mixture(product, size_um)
 def test_the_same_contradiction_in_setups_driven_again_is_the_machine(seed):
     """The survey was refused with a pass that wanders: a walk of one pass explains a part of what
     both drives of each diagonal show."""
-    readings = Bench(seed=seed).survey((*DIAGONALS, *LINEAR, *(f"{one}+1" for one in DIAGONALS)))
+    readings = Bench(seed=seed).survey(
+        (*DIAGONALS, *LINEAR, *(f"{one}+1" for one in DIAGONALS))
+    )
     readings = readings.select(np.concatenate(list(readings.passes().values())))
     column = 40.0 * products_um(lay_out(readings))[:, list(PRODUCTS).index("X(xy)")]
     found = solve(replace(readings, reading_mm=readings.reading_mm + 1e-3 * column))

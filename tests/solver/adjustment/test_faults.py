@@ -97,9 +97,9 @@ def test_a_wrong_stop_of_an_ordinary_machine_is_found_or_lies_within_u(error_um)
     for row in spread(PICKED[::2], 2):
         after = solve(spoiled(readings, row, error_um))
         texts = [finding.text for finding in after.findings if finding.key in NAMES]
-        assert any(name_of(readings, row) in text for text in texts) or readings.stop[row] < 2, (
-            name_of(readings, row)
-        )
+        assert (
+            any(name_of(readings, row) in text for text in texts) or readings.stop[row] < 2
+        ), name_of(readings, row)
         if not any(finding.severity == "error" for finding in after.findings):
             assert moved(before, after)[0] < 1.5
 
@@ -210,15 +210,21 @@ def test_a_setup_that_went_wrong_as_a_whole_is_not_mended_stop_by_stop():
     readings, _ = clean(FULL)
     wrong = np.array(readings.setup) == "npp"
     noise = np.random.default_rng(0).normal(scale=0.03, size=len(readings))
-    after = solve(replace(readings, reading_mm=readings.reading_mm + np.where(wrong, noise, 0.0)))
-    assert any("npp" in finding.text for finding in after.findings if finding.severity == "error")
+    after = solve(
+        replace(readings, reading_mm=readings.reading_mm + np.where(wrong, noise, 0.0))
+    )
+    assert any(
+        "npp" in finding.text for finding in after.findings if finding.severity == "error"
+    )
     assert not {"stop-outlier", "count-step"} & {finding.key for finding in after.findings}
     # a machine that is known to repeat says which setup it is
     known = solve(
         replace(readings, reading_mm=readings.reading_mm + np.where(wrong, noise, 0.0)),
         assumed=IDEAL,
     )
-    assert any("npp" in finding.text for finding in known.findings if finding.severity == "error")
+    assert any(
+        "npp" in finding.text for finding in known.findings if finding.severity == "error"
+    )
 
 
 def too_short(readings):

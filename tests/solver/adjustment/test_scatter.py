@@ -38,13 +38,19 @@ def drawn(readings, seed, *, misses_um, noise_um, stated_um=None):
         position = readings.position_mm[rows]
         along = position[-1] - position[0] if key.outward else position[0] - position[-1]
         miss = rng.normal(scale=misses_um, size=3)
-        for row, moved in zip(rows, np.diff(position, axis=0, prepend=position[:1]), strict=True):
+        for row, moved in zip(
+            rows, np.diff(position, axis=0, prepend=position[:1]), strict=True
+        ):
             miss = np.where(moved != 0, rng.normal(scale=misses_um, size=3), miss)
             reading[row] += 1e-3 * miss @ along / np.linalg.norm(along)
     noise = np.broadcast_to(noise_um, len(readings))
-    stated = np.maximum(noise if stated_um is None else np.full(len(readings), stated_um), 0.01)
+    stated = np.maximum(
+        noise if stated_um is None else np.full(len(readings), stated_um), 0.01
+    )
     return replace(
-        readings, reading_mm=reading + 1e-3 * rng.normal(size=len(readings)) * noise, u_um=stated
+        readings,
+        reading_mm=reading + 1e-3 * rng.normal(size=len(readings)) * noise,
+        u_um=stated,
     )
 
 
@@ -55,7 +61,9 @@ def three_orders(seed):
         bench.survey(DIAGONALS, passes=(number,), axis_order=order)
         for number, order in ((1, "xyz"), (3, "yzx"), (5, "zxy"))
     ]
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
+    joined = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS
+    }
     return make_readings(setup=[name for part in parts for name in part.setup], **joined)
 
 
@@ -81,7 +89,9 @@ def test_the_repeatability_is_found_in_every_kind_of_survey(way, misses_um):
             else Bench(seed=seed, increments=8, **QUIET).survey(FULL, passes=WAYS[way])
         )
         sizes.append(
-            found_in(drawn(clean, seed, misses_um=misses_um, noise_um=0.2)).scatter.repeatability_um
+            found_in(
+                drawn(clean, seed, misses_um=misses_um, noise_um=0.2)
+            ).scatter.repeatability_um
         )
     if misses_um < 0.2:
         assert max(sizes) < 0.25
@@ -109,10 +119,20 @@ def test_the_noise_of_one_setup_is_told_from_that_of_the_others():
         clean = Bench(seed=seed, increments=8, **QUIET).survey(FULL, passes=(1, 2))
         shaking = np.array(clean.setup) == "pnp"
         found = found_in(
-            drawn(clean, seed, misses_um=0.2, noise_um=np.where(shaking, 2.0, 0.1), stated_um=0.1)
+            drawn(
+                clean,
+                seed,
+                misses_um=0.2,
+                noise_um=np.where(shaking, 2.0, 0.1),
+                stated_um=0.1,
+            )
         )
         noise = dict(
-            zip((setup.name for setup in found.layout.setups), found.scatter.noise_um, strict=True)
+            zip(
+                (setup.name for setup in found.layout.setups),
+                found.scatter.noise_um,
+                strict=True,
+            )
         )
         assert noise.pop("pnp") == pytest.approx(2.0, rel=0.35)
         assert max(noise.values()) < 0.4
@@ -123,7 +143,9 @@ def test_the_noise_of_one_setup_is_told_from_that_of_the_others():
 
 
 @pytest.mark.parametrize(("noise_um", "named"), [(0.8, False), (2.0, True)])
-def test_a_run_whose_scatter_an_ordinary_machine_explains_states_no_u_too_low(noise_um, named):
+def test_a_run_whose_scatter_an_ordinary_machine_explains_states_no_u_too_low(
+    noise_um, named
+):
     """Each reading of a run has a move of its own: 0.8 µm are vibration, or an axis that comes back
     as ordinary ones do. The stated u of a run was blamed beside a slip that was repaired."""
     for seed in spread(range(2), 2):
@@ -168,7 +190,9 @@ def test_a_slip_of_20_um_does_not_make_the_machine_repeat_worse():
 def test_where_the_readings_show_nothing_the_assumed_size_stays(assumed_um):
     """One increment, one way: no reading checks another, and no finding speaks of it."""
     clean = Bench(seed=1, increments=1, **QUIET).survey(DIAGONALS)
-    found = found_in(drawn(clean, 1, misses_um=0.5, noise_um=0.1), repeatability_um=assumed_um)
+    found = found_in(
+        drawn(clean, 1, misses_um=0.5, noise_um=0.1), repeatability_um=assumed_um
+    )
     assert found.scatter.repeatability_um == pytest.approx(assumed_um, rel=0.05)
     assert "repeatability-found" not in {each.code for each in scatter_findings(found)}
 

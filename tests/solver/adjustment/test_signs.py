@@ -31,10 +31,14 @@ def solved(seed, wrong=(), slip_mm=0.0, size_urad=10.0):
 
 
 def signs(result):
-    return {finding.text[:3] for finding in result.findings if "its sign turned" in finding.text}
+    return {
+        finding.text[:3] for finding in result.findings if "its sign turned" in finding.text
+    }
 
 
-@pytest.mark.parametrize("wrong", spread([("EBX",), ("ECX",), ("EAY",), ("EBX", "EAY"), HEAD], 2))
+@pytest.mark.parametrize(
+    "wrong", spread([("EBX",), ("ECX",), ("EAY",), ("EBX", "EAY"), HEAD], 2)
+)
 def test_a_wrong_sign_is_named_before_any_reading(wrong):
     """ECY, EAZ and EBZ have no arm on a machine whose tool moves them: nothing else sees those."""
     result = solved(2, wrong)
@@ -57,7 +61,9 @@ def test_a_wrong_sign_is_named_before_any_reading(wrong):
             np.corrcoef(
                 value[1:],
                 np.interp(
-                    result.errors[name].position_mm, true[name].position_mm, true[name].value_urad
+                    result.errors[name].position_mm,
+                    true[name].position_mm,
+                    true[name].value_urad,
                 )[1:],
             )[0, 1]
             > 0.9
@@ -69,7 +75,9 @@ def test_a_sign_that_nothing_sees_is_stated(wrong):
     """Whatever sign they have; of functions that are smaller than their uncertainty nothing is
     stated."""
     found = [
-        each for each in solved(2, wrong).findings if each.key == "straightness-unchecked.angles"
+        each
+        for each in solved(2, wrong).findings
+        if each.key == "straightness-unchecked.angles"
     ]
     assert [(each.severity, each.text[:13]) for each in found] == [("info", "EAZ, EBZ, ECY")]
     assert not [
@@ -83,5 +91,7 @@ def test_a_sign_that_nothing_sees_is_stated(wrong):
 def test_right_signs_are_never_named(slip_mm):
     """3 surveys without and 3 with a reading that is 20 um off; 2 of each in a usual run."""
     assert [
-        found for seed in spread((1, 2, 3), 2) if (found := signs(solved(seed, slip_mm=slip_mm)))
+        found
+        for seed in spread((1, 2, 3), 2)
+        if (found := signs(solved(seed, slip_mm=slip_mm)))
     ] == []

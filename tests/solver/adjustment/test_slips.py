@@ -45,7 +45,9 @@ def survey(seed, increments, passes):
 
 def said(readings):
     return {
-        each.key for each in solve(readings, assumed=IDEAL).findings if each.severity != "info"
+        each.key
+        for each in solve(readings, assumed=IDEAL).findings
+        if each.severity != "info"
     } & NAMED
 
 
@@ -80,10 +82,14 @@ def test_a_slip_of_the_size_said_is_nearly_always_named(kind, increments, passes
     for seed in SEEDS:
         readings, slips = survey(seed, increments, passes)
         at = getattr(slips, kind)
-        named.append(bool(said(slipped(readings, at, (1 if seed % 2 else -1) * at.nearly_um))))
+        named.append(
+            bool(said(slipped(readings, at, (1 if seed % 2 else -1) * at.nearly_um)))
+        )
     assert sum(named) >= 5
     readings, slips = survey(SEEDS[0], increments, passes)
-    assert not said(slipped(readings, getattr(slips, kind), 0.5 * getattr(slips, kind).half_um))
+    assert not said(
+        slipped(readings, getattr(slips, kind), 0.5 * getattr(slips, kind).half_um)
+    )
 
 
 def test_what_a_hidden_slip_makes_of_the_volume_is_what_it_makes_of_the_result():
@@ -107,7 +113,9 @@ def test_what_a_hidden_slip_makes_of_the_volume_is_what_it_makes_of_the_result()
         for name in clean.squareness
     }
     along = {c: off[f"E{c}X"][x] + off[f"E{c}Y"][y] + off[f"E{c}Z"][z] for c in "XYZ"}
-    along["X"] = along["X"] + 1e-3 * (square["B0Z"] * 100.0 / 3 * z - square["C0Y"] * 200.0 / 3 * y)
+    along["X"] = along["X"] + 1e-3 * (
+        square["B0Z"] * 100.0 / 3 * z - square["C0Y"] * 200.0 / 3 * y
+    )
     along["Y"] = along["Y"] - 1e-3 * square["A0Z"] * 100.0 / 3 * z
     rms_um = float(np.sqrt(np.mean(sum(each**2 for each in along.values()))))
     assert rms_um == pytest.approx(0.5 * at.volume_um, rel=0.25)
@@ -164,7 +172,9 @@ def test_a_slip_at_the_turn_that_harms_nothing_does_not_hide_those_that_do(setup
     """On one count it looks like backlash and is seen least of all, without runs not at all: the
     conclusion said that 5 µm there make 0.0 µm of the volume, or that nothing would tell a slip
     there and driving out and back would."""
-    bench = Bench(seed=1, increments=3, diagonal_noise_um=0.1, linear_noise_um=0.1, angle_urad=2.0)
+    bench = Bench(
+        seed=1, increments=3, diagonal_noise_um=0.1, linear_noise_um=0.1, angle_urad=2.0
+    )
     slips = solve(bench.survey(setups, passes=(1, 2), joined=True)).unseen_slip
     for each in slips:
         assert (each.pass_number, each.stop) != (2, 0)
@@ -202,7 +212,9 @@ def test_in_a_run_of_three_stops_a_slip_of_any_size_goes_unnoticed_and_nobody_bl
     assert runs.setup.startswith("linear-")
     result = solve(slipped(readings, slip_at("linear-x", 1), 20.0))
     assert "drift-large.growth" not in {each.key for each in result.findings}
-    assert any(each.severity == "error" and "linear-x" in each.text for each in result.findings)
+    assert any(
+        each.severity == "error" and "linear-x" in each.text for each in result.findings
+    )
 
 
 def test_a_slip_below_what_anything_is_looked_for_is_not_said_to_be_noticed():

@@ -50,11 +50,16 @@ def test_run_gives_back_the_errors_of_the_machine(mount, seed):
     with ISO 230-1 signs."""
     rng = np.random.default_rng(seed)
     position = np.linspace(0, 400, 5)
-    displacement_um, rotation_urad = rng.uniform(-20, 20, (5, 3)), rng.uniform(-30, 30, (5, 3))
+    displacement_um, rotation_urad = (
+        rng.uniform(-20, 20, (5, 3)),
+        rng.uniform(-30, 30, (5, 3)),
+    )
     rotation_urad[:, AXES.index(mount.axis)] = 0.0
     side = 1 if mount.target_on == "tool" else -1
     rays = RayHead(
-        beam=unit(mount.beam), lateral_x=unit(mount.detector_x), lateral_y=unit(mount.detector_y)
+        beam=unit(mount.beam),
+        lateral_x=unit(mount.detector_x),
+        lateral_y=unit(mount.detector_y),
     )
     # a target on the work side travels against the axis coordinate
     travel = side * (1 if mount.beam[0] == "+" else -1) * position

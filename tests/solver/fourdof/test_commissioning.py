@@ -109,4 +109,7 @@ def test_calibration_run_that_decides_nothing_is_refused(reading, shift, options
 
 
 def test_default_curve_is_a_plain_gain():
-    assert Curve(coefficients_um=(0.0, 2000.0)).shift_um([0.5, -0.25]).tolist() == [1000.0, -500.0]
+    assert Curve(coefficients_um=(0.0, 2000.0)).shift_um([0.5, -0.25]).tolist() == [
+        1000.0,
+        -500.0,
+    ]

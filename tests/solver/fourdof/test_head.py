@@ -6,7 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis
-from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, Crosstalk, Head, beam_angle_urad, motion
+from stepdiag.solver.fourdof.head import (
+    URAD_PER_ARCSEC,
+    Crosstalk,
+    Head,
+    beam_angle_urad,
+    motion,
+)
 from testkit.exact.optics import RayHead, channels_of
 
 LINEAR = DetectorAxis(curve=Curve(coefficients_um=(0.0, 5000.0)))
@@ -141,9 +147,9 @@ def test_gain_that_grows_with_the_distance_is_divided_out():
     shifts = RayHead(**Z_BEAM).shifts_um(1500.0, shift_mm=(0.1, 0.0, 0))
     shifts[:2] *= 0.98
     known = head(crosstalk=Crosstalk(qd_gain_per_m=(-0.02, -0.02), qd_calibrated_at_mm=500.0))
-    assert motion(channels_of(shifts), [1200.0], known).straightness_um[0, 0] == pytest.approx(
-        100.0
-    )
+    assert motion(channels_of(shifts), [1200.0], known).straightness_um[
+        0, 0
+    ] == pytest.approx(100.0)
 
 
 def test_detectors_out_of_focus_are_corrected():
@@ -170,7 +176,9 @@ def test_bending_air_is_not_undone():
 def test_uncertainty_of_the_calibration_reaches_the_result():
     """QD 1 µm, PSDs 0.3 µm at 300 mm (1 urad) at a lever of 1 m: hypot(0.5, 1) um and hypot(1, 1)/2
     urad."""
-    axes = [DetectorAxis(curve=Curve(coefficients_um=(0, 5000.0), u_um=u)) for u in (1.0, 0.3)]
+    axes = [
+        DetectorAxis(curve=Curve(coefficients_um=(0, 5000.0), u_um=u)) for u in (1.0, 0.3)
+    ]
     qd, psd = (Detector(x=axis, y=axis) for axis in axes)
     found = motion(channels_of(np.zeros(6)), [700.0], head(qd=qd, psd1=psd, psd2=psd))
     assert found.u_straightness_um[0] == pytest.approx([np.hypot(0.5, 1.0)] * 2)
@@ -215,7 +223,8 @@ def test_sample_without_usable_light_is_named_and_empty(channels, code, words):
     assert bad.sum() == 1
     assert np.isfinite(found.angle_urad[found.usable]).all()
     assert not (
-        np.isfinite(found.straightness_um[bad]).all() and np.isfinite(found.angle_urad[bad]).all()
+        np.isfinite(found.straightness_um[bad]).all()
+        and np.isfinite(found.angle_urad[bad]).all()
     )
 
 
@@ -236,6 +245,10 @@ def test_motion_beyond_the_published_range_is_reported(shifts, key, words):
 
 def test_reading_beyond_the_calibrated_curve_is_not_usable():
     axis = DetectorAxis(curve=Curve(coefficients_um=(0, 5000.0), low=-0.1, high=0.1))
-    found = motion(channels_of([600.0, 0, 0, 0, 0, 0]), [0.0], head(qd=Detector(x=axis, y=axis)))
-    assert [finding.key for finding in found.findings] == ["fourdof-out-of-range.uncalibrated"]
+    found = motion(
+        channels_of([600.0, 0, 0, 0, 0, 0]), [0.0], head(qd=Detector(x=axis, y=axis))
+    )
+    assert [finding.key for finding in found.findings] == [
+        "fourdof-out-of-range.uncalibrated"
+    ]
     assert not found.usable[0]

@@ -21,7 +21,9 @@ def wandering(distance_mm, pointing_urad, noise_um=0.3):
     about."""
     rng = np.random.default_rng(7)
     rays = RayHead(
-        beam=np.array([0.0, 0, 1]), lateral_x=np.array([1.0, 0, 0]), lateral_y=np.array([0.0, 1, 0])
+        beam=np.array([0.0, 0, 1]),
+        lateral_x=np.array([1.0, 0, 0]),
+        lateral_y=np.array([0.0, 1, 0]),
     )
     shifts = np.array(
         [rays.shifts_um(distance_mm, pointing_urad=(angle, 0)) for angle in pointing_urad]
@@ -35,7 +37,9 @@ def wandering(distance_mm, pointing_urad, noise_um=0.3):
         dead_path_mm=distance_mm,
     )
     return motion(
-        channels_of(shifts + rng.normal(0, noise_um, shifts.shape)), np.zeros(len(shifts)), head
+        channels_of(shifts + rng.normal(0, noise_um, shifts.shape)),
+        np.zeros(len(shifts)),
+        head,
     )
 
 
@@ -57,7 +61,9 @@ def test_angle_at_ten_metres_settles_as_published():
     pointing = 10 * URAD_PER_ARCSEC * np.sin(np.linspace(0, 12, 200))
     seen = wandering(10000.0, pointing)
     figures = stability(
-        seen.raw_angle_urad[:, 0] / URAD_PER_ARCSEC, seen.angle_urad[:, 0] / URAD_PER_ARCSEC, 12.0
+        seen.raw_angle_urad[:, 0] / URAD_PER_ARCSEC,
+        seen.angle_urad[:, 0] / URAD_PER_ARCSEC,
+        12.0,
     )
     assert figures.raw_fluctuation == pytest.approx(10.0, rel=0.1)
     assert figures.compensated_fluctuation < 3.0
@@ -107,7 +113,9 @@ def test_straightness_comparison_ignores_how_the_reference_was_aligned(
 
 
 def test_angle_comparison_is_relative_to_the_first_position():
-    found = compare([0.0, 100.0, 200.0], [5.0, 6.0, 9.0], [0.0, 100.0, 200.0], [1.0, 1.0, 1.0])
+    found = compare(
+        [0.0, 100.0, 200.0], [5.0, 6.0, 9.0], [0.0, 100.0, 200.0], [1.0, 1.0, 1.0]
+    )
     assert (found.lowest, found.highest) == (0.0, 4.0)
     assert found.rms == pytest.approx(np.sqrt(17 / 3))
 

@@ -14,7 +14,9 @@ def test_the_search_ends_where_the_likelihood_is_flat(angle_urad, seed):
     """A machine without angles: there the search once went to and fro between a fifth and a half of
     the usual size. No explanation is left open in these surveys: one would stand beside the sizes.
     """
-    done = estimate(lay_out(Bench(seed=seed, angle_urad=angle_urad, increments=8).survey()), "FXYZ")
+    done = estimate(
+        lay_out(Bench(seed=seed, angle_urad=angle_urad, increments=8).survey()), "FXYZ"
+    )
     sizes = done.adjustment.sizes
     free = np.flatnonzero(sizes.sought)
     group = spread_of(done.adjustment).group

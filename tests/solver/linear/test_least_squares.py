@@ -21,7 +21,9 @@ from testkit.exact.surveys import DIAGONALS, Bench
 
 
 def random_rows(rng, count, width, columns, *, used):
-    return Rows(rng.integers(0, used, (count, width)), rng.normal(size=(count, width)), columns)
+    return Rows(
+        rng.integers(0, used, (count, width)), rng.normal(size=(count, width)), columns
+    )
 
 
 def in_blocks(matrix, blocks):
@@ -50,9 +52,9 @@ def test_null_space_and_solution_agree_with_a_dense_decomposition(seed, unused, 
     dense = rows.dense()
     assert found.inverse.rank == np.linalg.matrix_rank(dense)
     assert np.max(np.abs(dense @ found.inverse.null), initial=0.0) < 1e-9
-    best = np.linalg.lstsq(np.sqrt(weight)[:, None] * dense, np.sqrt(weight) * target, rcond=None)[
-        0
-    ]
+    best = np.linalg.lstsq(
+        np.sqrt(weight)[:, None] * dense, np.sqrt(weight) * target, rcond=None
+    )[0]
     assert np.allclose(dense @ found.unknowns, dense @ best, atol=1e-9)
 
 
@@ -69,7 +71,9 @@ def test_a_combination_is_seen_exactly_if_it_is_orthogonal_to_the_null_space():
 
 
 @pytest.mark.parametrize("carried", [False, True])
-def test_of_a_deficient_system_the_inverse_is_the_dense_one_with_the_same_unknowns_held(carried):
+def test_of_a_deficient_system_the_inverse_is_the_dense_one_with_the_same_unknowns_held(
+    carried,
+):
     """Six columns of rank four, under other weights than those the null space was found with: C is
     zero where an unknown is held."""
     rng = np.random.default_rng(12)
@@ -77,7 +81,9 @@ def test_of_a_deficient_system_the_inverse_is_the_dense_one_with_the_same_unknow
     dense = np.column_stack([free, free[:, 0] - 2 * free[:, 1], 3 * free[:, 2]])
     rows = Rows(np.tile(np.arange(6), (20, 1)), dense, 6)
     blocks, weight = order_blocks(np.full(6, -1)), rng.uniform(0.5, 2.0, 20)
-    inverse = invert(rows, weight, blocks, invert(rows, np.ones(20), blocks) if carried else None)
+    inverse = invert(
+        rows, weight, blocks, invert(rows, np.ones(20), blocks) if carried else None
+    )
     assert inverse.rank == 4
     free_columns = np.setdiff1d(np.arange(6), inverse.fixed)
     exact = np.zeros((6, 6))
@@ -133,7 +139,9 @@ def test_rows_in_pieces_are_the_same_matrix():
     assert packed.times(unknowns) == pytest.approx(dense @ unknowns)
     assert packed.transposed_times(readings) == pytest.approx(dense.T @ readings)
     order = np.argsort(design.blocks.place)
-    expected = in_blocks((dense.T @ (weight[:, None] * dense))[np.ix_(order, order)], design.blocks)
+    expected = in_blocks(
+        (dense.T @ (weight[:, None] * dense))[np.ix_(order, order)], design.blocks
+    )
     found = packed.normal(weight)
     assert found.diagonal == pytest.approx(expected.diagonal)
     for one, other in zip(

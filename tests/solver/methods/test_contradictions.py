@@ -84,7 +84,9 @@ def test_a_count_that_slipped_once_is_repaired_and_named():
 
 
 @pytest.mark.parametrize(("u_um", "codes"), [(9.0, set()), (12.0, {"noise-high.reading"})])
-def test_readings_ten_times_as_uncertain_as_usual_stop_the_export_with_their_setup(u_um, codes):
+def test_readings_ten_times_as_uncertain_as_usual_stop_the_export_with_their_setup(
+    u_um, codes
+):
     """They contradict nothing: their scatter is as they say themselves, and nothing can be
     concluded from them."""
     clean = survey()
@@ -109,12 +111,14 @@ def test_a_setup_that_drifts_far_more_than_usual_is_named_and_harms_nothing(um):
         solve(shifted(clean, mine, um * since[mine] / np.ptp(since[mine]))),
         solve(clean),
     )
-    assert ["(npp):" in each.text for each in result.findings if each.key == "drift-large"] == [
-        True
-    ]
+    assert [
+        "(npp):" in each.text for each in result.findings if each.key == "drift-large"
+    ] == [True]
     assert result.setups["npp"].drift[0].total_um == pytest.approx(um, rel=0.2)
     for name, function in result.errors.items():
-        assert np.max(np.abs(function.value - without.errors[name].value)) < 0.1 + 0.01 * um, name
+        assert (
+            np.max(np.abs(function.value - without.errors[name].value)) < 0.1 + 0.01 * um
+        ), name
 
 
 @pytest.mark.parametrize("um", [12.0, 60.0])
@@ -132,13 +136,16 @@ def test_a_drift_that_was_stated_hides_and_harms_nothing(um):
     )
     assert not [each for each in result.findings if each.severity == "error"]
     points = np.stack(
-        np.meshgrid(*(np.linspace(0.0, size, 6) for size in bench.size_mm), indexing="ij"), axis=-1
+        np.meshgrid(*(np.linspace(0.0, size, 6) for size in bench.size_mm), indexing="ij"),
+        axis=-1,
     ).reshape(-1, 3)
     true = bench.machine.error_at(points)
     before, after = (
         float(
             np.sqrt(
-                np.mean(np.sum(without_rigid_motion(result.volume, points, field) ** 2, axis=1))
+                np.mean(
+                    np.sum(without_rigid_motion(result.volume, points, field) ** 2, axis=1)
+                )
             )
         )
         for field in (true, true - error_field_um(result, points))

@@ -10,7 +10,13 @@ from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.volume import anywhere_mm
 from stepdiag.solver.adjustment.diagnostics import scale_findings
 from stepdiag.solver.methods import doubt
-from stepdiag.solver.methods.doubt import Volumes, candidates, doubt_findings, minutes_of, rms_um
+from stepdiag.solver.methods.doubt import (
+    Volumes,
+    candidates,
+    doubt_findings,
+    minutes_of,
+    rms_um,
+)
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
@@ -28,7 +34,9 @@ def longer(readings, setup, um_m):
     )
 
 
-@pytest.mark.parametrize(("setup", "um_m"), [("npp", 93.0), ("npp", -150.0), ("linear-y", 150.0)])
+@pytest.mark.parametrize(
+    ("setup", "um_m"), [("npp", 93.0), ("npp", -150.0), ("linear-y", 150.0)]
+)
 def test_what_a_scale_makes_of_the_volume_is_how_far_the_result_is_off(setup, um_m):
     for seed in SEEDS:
         readings = Bench(seed=seed).survey()
@@ -59,7 +67,9 @@ def test_a_survey_of_another_scale_names_all_that_may_be_and_a_short_setup_that_
     monkeypatch.setattr(doubt, "scale_findings", lambda _found: [])
     for seed in SEEDS:
         (finding,) = doubt_findings(
-            estimate(lay_out(longer(Bench(seed=seed).survey(), "npp", 40.0)), "FXYZ").adjustment
+            estimate(
+                lay_out(longer(Bench(seed=seed).survey(), "npp", 40.0)), "FXYZ"
+            ).adjustment
         )
         assert (finding.severity, finding.key) == ("warning", "contradiction-ambiguous.open")
         assert all(
@@ -70,7 +80,10 @@ def test_a_survey_of_another_scale_names_all_that_may_be_and_a_short_setup_that_
         minutes = {setup.name: minutes_of(layout, setup) for setup in layout.setups}
         # every explanation is about as probable: a run takes half the minutes of a diagonal
         assert str(finding.message.arguments["setup"]).startswith("linear-")
-        assert finding.message.arguments["minutes"] == minutes[finding.message.arguments["setup"]]
+        assert (
+            finding.message.arguments["minutes"]
+            == minutes[finding.message.arguments["setup"]]
+        )
         assert 20.0 < min(minutes.values()) < 30.0 < max(minutes.values()) < 60.0
 
 
@@ -93,10 +106,16 @@ def test_a_scale_that_compensation_would_put_into_the_machine_is_never_without_a
 
 
 def test_a_good_survey_is_in_no_doubt():
-    assert doubt_findings(estimate(lay_out(Bench(seed=201).survey()), "FXYZ").adjustment) == []
+    assert (
+        doubt_findings(estimate(lay_out(Bench(seed=201).survey()), "FXYZ").adjustment) == []
+    )
 
 
 def test_a_contradiction_of_lengths_beyond_chance_is_refused_once():
-    found = estimate(lay_out(longer(Bench(seed=201).survey(), "npp", 150.0)), "FXYZ").adjustment
+    found = estimate(
+        lay_out(longer(Bench(seed=201).survey(), "npp", 150.0)), "FXYZ"
+    ).adjustment
     assert doubt_findings(found) == []
-    assert [each.key for each in scale_findings(found)] == ["contradiction-ambiguous.length-far"]
+    assert [each.key for each in scale_findings(found)] == [
+        "contradiction-ambiguous.length-far"
+    ]

@@ -143,7 +143,10 @@ def test_angular_errors_are_known_as_well_on_every_chain(chain):
     micrometres (next test)."""
     bench = Bench(seed=1, angle_urad=10.0, chain=chain)
     after, before = np.sqrt(
-        left_um(bench, solve(bench.survey(), chain=CHAINS[chain], angles=bench.angles(1.0, seed=1)))
+        left_um(
+            bench,
+            solve(bench.survey(), chain=CHAINS[chain], angles=bench.angles(1.0, seed=1)),
+        )
     )
     assert before > 10.0
     assert after < 0.95
@@ -158,7 +161,12 @@ def test_angles_of_the_wrong_chain_do_not_cure():
     )
     wrong, _ = left_um(
         bench,
-        solve(bench.survey(), chain="FZYX", angles=bench.angles(0.0, stated=False), assumed=IDEAL),
+        solve(
+            bench.survey(),
+            chain="FZYX",
+            angles=bench.angles(0.0, stated=False),
+            assumed=IDEAL,
+        ),
     )
     assert right < 0.1**2
     assert wrong > 1.0
@@ -181,7 +189,9 @@ def scores(bench, result):
         if q.value is not None
     ]
     found += [
-        (s.value - truth.scale_um_m[axis]) / s.u for axis, s in result.scale.items() if s.identified
+        (s.value - truth.scale_um_m[axis]) / s.u
+        for axis, s in result.scale.items()
+        if s.identified
     ]
     return found
 
@@ -210,7 +220,11 @@ def assert_held(found):
         (DIAGONALS, {"increments": 5}),
         (
             (*DIAGONALS, *LINEAR),
-            {"size_mm": (2000.0, 300.0, 600.0), "increments": 4, "origin_mm": (-900.0, 0.0, 100.0)},
+            {
+                "size_mm": (2000.0, 300.0, 600.0),
+                "increments": 4,
+                "origin_mm": (-900.0, 0.0, 100.0),
+            },
         ),
         ((*DIAGONALS, *LINEAR), {"states_u": False, "increments": 5}),
     ],
@@ -250,7 +264,9 @@ def test_estimates_reach_the_cramer_rao_bound():
     rows = done.adjustment.design.rows.dense() / u_um[:, None]
     wanted = done.quantities.combination.dense()
     bound = np.sqrt(
-        np.diag(wanted @ np.linalg.pinv(rows.T @ rows, rcond=1e-12, hermitian=True) @ wanted.T)
+        np.diag(
+            wanted @ np.linalg.pinv(rows.T @ rows, rcond=1e-12, hermitian=True) @ wanted.T
+        )
     )
     told = bound > 1e-6
     assert np.sqrt(np.mean((np.std(rms, axis=0)[told] / bound[told]) ** 2)) < 1.05
@@ -298,7 +314,10 @@ def test_out_and_back_separates_reversal_and_drift():
     the truth says."""
     reversal = {"EXX": Smooth(0.0, 500.0, (3.0,)), "EYX": Smooth(0.0, 500.0, (0.0, 2.0))}
     bench = Bench(
-        diagonal_noise_um=0.05, linear_noise_um=0.05, reversal=reversal, drift_um_h=(4.0, -3.0, 2.0)
+        diagonal_noise_um=0.05,
+        linear_noise_um=0.05,
+        reversal=reversal,
+        drift_um_h=(4.0, -3.0, 2.0),
     )
     result = solve(bench.survey(passes=(1, 2)))
     nodes = np.linspace(0.0, 500.0, 11)
@@ -312,7 +331,11 @@ def test_out_and_back_separates_reversal_and_drift():
     drift = result.setups["ppp"].drift[0]
     assert drift.unit == "um/h"
     true_um = (
-        np.array([4.0, -3.0, 2.0]) @ np.array([5, 4, 3]) / np.sqrt(50) * drift.total_um / drift.rate
+        np.array([4.0, -3.0, 2.0])
+        @ np.array([5, 4, 3])
+        / np.sqrt(50)
+        * drift.total_um
+        / drift.rate
     )
     assert abs(drift.total_um - true_um) < 3 * drift.u_um < 3.0
 
@@ -330,9 +353,9 @@ def test_a_drift_far_above_the_usual_is_told_at_its_size_and_of_its_setup():
     told = {name: report.drift[0] for name, report in result.setups.items()}
     assert 24.0 < told["npp"].total_um < 36.0
     assert max(abs(each.total_um) for name, each in told.items() if name != "npp") < 4.0
-    assert ["(npp):" in each.text for each in result.findings if each.key == "drift-large"] == [
-        True
-    ]
+    assert [
+        "(npp):" in each.text for each in result.findings if each.key == "drift-large"
+    ] == [True]
 
 
 def test_one_way_passes_claim_no_reversal_and_no_drift():
@@ -345,7 +368,9 @@ def test_beam_offsets_resolve_all_eighteen_functions():
     """Theory 5.2: three beam lines per diagonal; angular functions to some urad, displacement
     functions to some um."""
     offsets = {
-        f"{name}+{k}": tuple(np.roll([50.0, 0.0, 0.0], k)) for name in DIAGONALS for k in (1, 2)
+        f"{name}+{k}": tuple(np.roll([50.0, 0.0, 0.0], k))
+        for name in DIAGONALS
+        for k in (1, 2)
     }
     bench = Bench(
         angle_urad=20.0,
@@ -384,7 +409,9 @@ def test_diagonals_of_different_increments_are_taken_together():
     ]
     names = ("pass_number", "stop", "position_mm", "reading_mm")
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    result = solve(make_readings(setup=[name for part in parts for name in part.setup], **joined))
+    result = solve(
+        make_readings(setup=[name for part in parts for name in part.setup], **joined)
+    )
     assert result.volume.increments == 8
     after, _ = left_um(fine, result)
     assert after < 0.3**2
@@ -404,9 +431,13 @@ def test_any_mix_of_diagonals_and_runs(setups):
     another exact machine."""
     rng = np.random.default_rng(3)
     volume = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 300.0, 250.0), increments=5)
-    plan = Plan(volume=volume, runs=tuple(Run(setup=name, return_pass=False) for name in setups))
+    plan = Plan(
+        volume=volume, runs=tuple(Run(setup=name, return_pass=False) for name in setups)
+    )
     machine = RandomMachine.draw(rng, volume.size_mm, angle_urad=0.0)
-    hall = Hall(noise_um=0.1, ramp_um=0.0, wander_um=0.0, index=0.0, expansion_c=0.0, aim_mrad=0.0)
+    hall = Hall(
+        noise_um=0.1, ramp_um=0.0, wander_um=0.0, index=0.0, expansion_c=0.0, aim_mrad=0.0
+    )
     result = solve(drive(rng, plan, machine, hall, 0.1))
     found = []
     for name in DISPLACEMENTS:
@@ -414,7 +445,9 @@ def test_any_mix_of_diagonals_and_runs(setups):
         slope = function.value[-1] * np.arange(6) / 5
         true = np.array([machine.truth(name, node, 5) for node in range(6)])
         found += ((function.value - slope - true)[1:5] / function.u[1:5]).tolist()
-    found += [(q.value - machine.truth(name, 0, 5)) / q.u for name, q in result.squareness.items()]
+    found += [
+        (q.value - machine.truth(name, 0, 5)) / q.u for name, q in result.squareness.items()
+    ]
     found += [
         (s.value - machine.truth(axis, 0, 5)) / s.u
         for axis, s in result.scale.items()
@@ -433,12 +466,16 @@ def test_what_is_not_identified_is_null_and_named():
     for name in ("EXX", "EYY", "EZZ"):
         assert not result.errors[name].slope_identified
         assert result.errors[name].value[-1] == pytest.approx(0.0, abs=1e-9)
-    finding = next(finding for finding in result.findings if finding.key == "unidentified.scale")
+    finding = next(
+        finding for finding in result.findings if finding.key == "unidentified.scale"
+    )
     assert "linear-" in finding.text
 
 
 def test_a_mirror_over_two_milliradians_is_to_be_realigned():
-    found = {finding.key: finding for finding in solve(Bench(tilt_mrad=2.5).survey()).findings}
+    found = {
+        finding.key: finding for finding in solve(Bench(tilt_mrad=2.5).survey()).findings
+    }
     assert "realign" in found["mirror-misaligned"].text
     assert "mirror-misaligned" not in {
         finding.key for finding in solve(Bench(tilt_mrad=1.5).survey()).findings

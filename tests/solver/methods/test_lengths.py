@@ -107,7 +107,9 @@ def test_readings_at_both_temperatures_are_never_mixed():
     ):
         solve(mixed, source="mine.csv")
     with pytest.raises(DataError, match=r"at_20_c: expected 1 or 0, found 'yes'"):
-        parse_readings("setup,pass,stop,x_mm,y_mm,z_mm,reading_mm,at_20_c\nppp,1,0,0,0,0,0,yes\n")
+        parse_readings(
+            "setup,pass,stop,x_mm,y_mm,z_mm,reading_mm,at_20_c\nppp,1,0,0,0,0,0,yes\n"
+        )
 
 
 def test_what_nobody_measured_is_not_20_c():
@@ -193,10 +195,15 @@ def test_the_tool_offset_is_said_to_be_zero_with_what_that_may_cost():
     position = np.linspace(0.0, 100.0, 3)
     known = {
         name: Function(
-            position_mm=position, value=np.array([0.0, 4.0, -10.0]), u=np.full(3, 1.0), unit="urad"
+            position_mm=position,
+            value=np.array([0.0, 4.0, -10.0]),
+            u=np.full(3, 1.0),
+            unit="urad",
         )
         for name in ROTATIONS[:3]
     }
     report = tool_report(known, {}, Assumptions(angles_urad=10.0))
     assert report.offset_mm == (0.0, 0.0, 0.0)
-    assert report.up_to_um_per_100_mm == pytest.approx(0.1 * np.sqrt(3 * 12.0**2 + 6 * 20.0**2))
+    assert report.up_to_um_per_100_mm == pytest.approx(
+        0.1 * np.sqrt(3 * 12.0**2 + 6 * 20.0**2)
+    )

@@ -53,10 +53,17 @@ def published(name: str) -> Readings:
     rows = list(csv.DictReader(lines[1:]))
     targets = sorted({float(row["target_mm"]) for row in rows})
     at = {
-        (row["direction"], int(row["cycle"]), float(row["target_mm"])): float(row["reference_mm"])
+        (row["direction"], int(row["cycle"]), float(row["target_mm"])): float(
+            row["reference_mm"]
+        )
         for row in rows
     }
-    columns: dict[str, list] = {"pass_number": [], "stop": [], "position_mm": [], "reading_mm": []}
+    columns: dict[str, list] = {
+        "pass_number": [],
+        "stop": [],
+        "position_mm": [],
+        "reading_mm": [],
+    }
     start_mm = at["forward", 1, targets[0]]
     for cycle in range(1, 1 + max(number for _, number, _ in at)):
         for number, direction, order in (
@@ -66,7 +73,9 @@ def published(name: str) -> Readings:
             columns["pass_number"] += [number] * len(order)
             columns["stop"] += range(len(order))
             columns["position_mm"] += [[target, 0.0, 0.0] for target in order]
-            columns["reading_mm"] += [at[direction, cycle, target] - start_mm for target in order]
+            columns["reading_mm"] += [
+                at[direction, cycle, target] - start_mm for target in order
+            ]
     count = len(columns["stop"])
     return make_readings(setup=["linear-x"] * count, zero=[1] * count, **columns)
 
@@ -80,7 +89,8 @@ def test_figures_of_a_published_run_are_those_of_the_standard():
         rows = [
             row
             for row in csv.DictReader(file)
-            if row["dataset"] == "ecmc_11358_axis1" and row["standard"].startswith("ISO 230-2")
+            if row["dataset"] == "ecmc_11358_axis1"
+            and row["standard"].startswith("ISO 230-2")
         ]
     expected = {row["quantity"]: 1e3 * float(row["value_mm"]) for row in rows}
     for name in ("E", "B", "R", "M", "A"):
@@ -135,15 +145,21 @@ def test_runs_without_diagonals(setups, size_mm, known):
     assert {name for name in DISPLACEMENTS if result.errors[name].value is not None} == known
 
 
-@pytest.mark.parametrize(("setups", "tables"), [(("linear-x",), 1), (("linear-x", "linear-y"), 2)])
+@pytest.mark.parametrize(
+    ("setups", "tables"), [(("linear-x",), 1), (("linear-x", "linear-y"), 2)]
+)
 def test_from_readings_to_a_table_on_the_command_line(setups, tables, tmp_path):
     survey = Beside(bench=BENCH, setups=setups, u_um=0.1)
-    (tmp_path / "readings.csv").write_text(render_readings(survey.readings()), encoding="utf-8")
+    (tmp_path / "readings.csv").write_text(
+        render_readings(survey.readings()), encoding="utf-8"
+    )
     result, out = tmp_path / "result.json", tmp_path / "files"
     solved = stepdiag("solve", tmp_path / "readings.csv", "--out", result)
     assert solved.code == 0, solved.refusal
     assert "nothing is stated about the volume" in solved.out
-    done = stepdiag("export", result, "--controller", "siemens", "--step-mm", "50", "--out", out)
+    done = stepdiag(
+        "export", result, "--controller", "siemens", "--step-mm", "50", "--out", out
+    )
     assert done.code == 0, done.refusal
     files = [path for path in sorted(out.glob("*.INI")) if "RESTORE" not in path.name]
     assert (

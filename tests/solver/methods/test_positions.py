@@ -44,8 +44,34 @@ FINE = {
         480.8,
         500.0,
     ),
-    "linear-y": (0.0, 33.3, 71.0, 100.0, 128.4, 160.0, 210.7, 240.0, 297.3, 320.0, 355.5, 400.0),
-    "linear-z": (0.0, 10.0, 20.0, 47.0, 90.0, 133.0, 155.5, 190.0, 210.0, 250.0, 280.0, 300.0),
+    "linear-y": (
+        0.0,
+        33.3,
+        71.0,
+        100.0,
+        128.4,
+        160.0,
+        210.7,
+        240.0,
+        297.3,
+        320.0,
+        355.5,
+        400.0,
+    ),
+    "linear-z": (
+        0.0,
+        10.0,
+        20.0,
+        47.0,
+        90.0,
+        133.0,
+        155.5,
+        190.0,
+        210.0,
+        250.0,
+        280.0,
+        300.0,
+    ),
 }
 """Targets of linear runs by ISO 230-2: their own, and at no regular distance."""
 CHAINS = ("FXYZ", "XFYZ", "XYFZ", "XYZF")
@@ -55,7 +81,9 @@ SOLVED: dict[str, Result] = {}
 def numbers(result: Result):
     """Return every number of a result by its name, None where it is not identified."""
     found = {name: function.value for name, function in result.errors.items()}
-    found |= {f"reversal {name}": function.value for name, function in result.reversal.items()}
+    found |= {
+        f"reversal {name}": function.value for name, function in result.reversal.items()
+    }
     found |= {name: quantity.value for name, quantity in result.squareness.items()}
     return found | {name: scale.value for name, scale in result.scale.items()}
 
@@ -90,7 +118,9 @@ def same_result(exact: Result, beside: Result, within_um: float):
         assert (value is None) == (there[name] is None), name
         if value is not None:
             per_metre = 1.0 if name.removeprefix("reversal ")[0] == "E" else 1.0 / length_m
-            assert np.max(np.abs(np.subtract(value, there[name]))) <= limit_um * per_metre, name
+            assert np.max(np.abs(np.subtract(value, there[name]))) <= limit_um * per_metre, (
+                name
+            )
     assert warnings(beside) == warnings(exact)
 
 
@@ -98,7 +128,9 @@ def same_result(exact: Result, beside: Result, within_um: float):
     "setups", [DIAGONALS, (*DIAGONALS, *LINEAR)], ids=["diagonals", "diagonals and runs"]
 )
 @given(
-    n=st.sampled_from([2, 3, 5, 8, 12, 20]), size_um=st.floats(0.1, 100.0), seed=st.integers(0, 99)
+    n=st.sampled_from([2, 3, 5, 8, 12, 20]),
+    size_um=st.floats(0.1, 100.0),
+    seed=st.integers(0, 99),
 )
 @few(2)
 def test_a_machine_that_stands_beside_its_targets_and_says_so(setups, n, size_um, seed):
@@ -124,7 +156,9 @@ def test_any_mixture_of_decimals(n, decimals, incremental, uneven, seed):
 
     size = (487.31, 401.7, 303.25) if uneven else (500.0, 400.0, 300.0)
     program = rounded(places, incremental=incremental)
-    same_answer(Beside(bench=Bench(seed=seed, increments=n, size_mm=size), stands=program), 200.0)
+    same_answer(
+        Beside(bench=Bench(seed=seed, increments=n, size_mm=size), stands=program), 200.0
+    )
 
 
 def test_a_fine_program_of_two_decimals_in_g91():
@@ -142,7 +176,8 @@ def test_a_fine_program_of_two_decimals_in_g91():
 @pytest.mark.parametrize("n", spread([3, 6, 7], 2))
 def test_a_program_of_two_decimals(n):
     same_answer(
-        Beside(bench=Bench(seed=n, increments=n), stands=rounded(lambda setup, number: 2)), 5.0
+        Beside(bench=Bench(seed=n, increments=n), stands=rounded(lambda setup, number: 2)),
+        5.0,
     )
 
 
@@ -169,7 +204,8 @@ def test_one_position_beside_its_node(off_um):
 def test_on_every_chain(chain):
     same_answer(
         Beside(
-            bench=Bench(seed=2, increments=4, chain=chain, tilt_mrad=1.0), stands=scattered(3.0, 5)
+            bench=Bench(seed=2, increments=4, chain=chain, tilt_mrad=1.0),
+            stands=scattered(3.0, 5),
         ),
         3.0,
         chain=chain,
@@ -201,7 +237,9 @@ WAYS = (
 def test_however_the_survey_was_driven(how, size_um):
     same_answer(
         Beside(
-            bench=Bench(seed=3, increments=5, tilt_mrad=1.0), stands=scattered(size_um, 6), **how
+            bench=Bench(seed=3, increments=5, tilt_mrad=1.0),
+            stands=scattered(size_um, 6),
+            **how,
         ),
         size_um,
     )
@@ -209,7 +247,9 @@ def test_however_the_survey_was_driven(how, size_um):
 
 def test_runs_of_their_own_targets_with_one_decimal():
     survey = Beside(
-        bench=Bench(seed=3, increments=3), stands=rounded(lambda setup, number: 1), targets_mm=FINE
+        bench=Bench(seed=3, increments=3),
+        stands=rounded(lambda setup, number: 1),
+        targets_mm=FINE,
     )
     same_answer(survey, 50.0)
 
@@ -224,7 +264,9 @@ def test_with_shifted_beams_the_angles_are_the_same():
         "ppn+1": (0.0, 40.0, 0.0),
     }
     bench = Bench(seed=3, increments=3, tilt_mrad=1.0, angle_urad=8.0, beam_offset_mm=offsets)
-    survey = Beside(bench=bench, setups=(*DIAGONALS, *LINEAR, *offsets), stands=scattered(3.0, 5))
+    survey = Beside(
+        bench=bench, setups=(*DIAGONALS, *LINEAR, *offsets), stands=scattered(3.0, 5)
+    )
     exact, beside = at_targets(survey), solve(survey.readings())
     assert numbers(exact).keys() == numbers(beside).keys()
     for name, function in exact.errors.items():
@@ -256,13 +298,17 @@ def test_with_shifted_beams_the_angles_are_the_same():
 def test_with_a_head_on_every_axis(setups, stands, size_um):
     """The head's line of alignment and the machine's slopes are one direction that no reading sees:
     one rounding keeps it so."""
-    survey = Beside(bench=Bench(seed=3, increments=3, tilt_mrad=1.0), stands=stands, setups=setups)
+    survey = Beside(
+        bench=Bench(seed=3, increments=3, tilt_mrad=1.0), stands=stands, setups=setups
+    )
     exact = at_targets(survey, straightness=as_exact(survey).head())
     same_result(exact, solve(survey.readings(), straightness=survey.head()), size_um)
 
 
 def test_with_known_angles():
-    survey = Beside(bench=Bench(seed=3, increments=3, angle_urad=8.0), stands=scattered(3.0, 5))
+    survey = Beside(
+        bench=Bench(seed=3, increments=3, angle_urad=8.0), stands=scattered(3.0, 5)
+    )
     same_answer(survey, 30.0, angles=survey.bench.angles(0.0, stated=False))
 
 
@@ -284,9 +330,13 @@ def test_a_box_that_flickers_is_the_box_of_the_survey_file(length_mm, tmp_path):
     """One digit of a register, or what a G91 program added up: tables with a step of 50 mm fit the
     box."""
     survey = Beside(
-        bench=Bench(seed=3, increments=5, size_mm=(length_mm, 400.0, 300.0)), passes=(1,), u_um=0.3
+        bench=Bench(seed=3, increments=5, size_mm=(length_mm, 400.0, 300.0)),
+        passes=(1,),
+        u_um=0.3,
     )
-    (tmp_path / "readings.csv").write_text(render_readings(survey.readings()), encoding="utf-8")
+    (tmp_path / "readings.csv").write_text(
+        render_readings(survey.readings()), encoding="utf-8"
+    )
     done = stepdiag("solve", tmp_path / "readings.csv", "--out", tmp_path / "result.json")
     assert done.code == 0, done.refusal
     assert json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["volume"][
@@ -342,7 +392,8 @@ def test_a_missing_stop_is_still_seen_in_a_box_of_one_millimetre():
 def test_as_written_is_exact():
     survey = Beside(bench=Bench(seed=1, increments=3))
     assert np.array_equal(
-        survey.readings().position_mm, replace(survey, shows=as_written).readings().position_mm
+        survey.readings().position_mm,
+        replace(survey, shows=as_written).readings().position_mm,
     )
 
 
@@ -350,20 +401,27 @@ def test_a_direction_that_is_barely_seen_is_not_identified():
     """A laser that scatters by 60 µm on the run along X tells the scale worse than what is usual
     (28 µm/m): no number."""
     survey = Beside(
-        bench=Bench(seed=3, increments=5), setups=(*DIAGONALS, "linear-x"), passes=(1,), u_um=0.3
+        bench=Bench(seed=3, increments=5),
+        setups=(*DIAGONALS, "linear-x"),
+        passes=(1,),
+        u_um=0.3,
     )
     readings = survey.readings()
     noise = np.where(np.array(readings.setup) == "linear-x", 60.0, 0.0)
     drawn = 1e-3 * noise * np.random.default_rng(1).standard_normal(len(noise))
     noisy = replace(
-        readings, reading_mm=readings.reading_mm + drawn, u_um=np.maximum(readings.u_um, noise)
+        readings,
+        reading_mm=readings.reading_mm + drawn,
+        u_um=np.maximum(readings.u_um, noise),
     )
     quiet, result = solve(readings), solve(noisy)
     assert quiet.scale["X"].identified
     assert not result.scale["X"].identified
     assert result.scale["X"].value is None
     assert not result.errors["EXX"].slope_identified
-    text = next(finding.text for finding in result.findings if finding.key == "unidentified.scale")
+    text = next(
+        finding.text for finding in result.findings if finding.key == "unidentified.scale"
+    )
     assert "the scale of X, Y, Z" in text
     assert "about 0 min" not in text
     assert result.volumetric_u_um < 50.0

@@ -38,14 +38,17 @@ def test_constant_backlash_of_each_axis_is_found_within_its_uncertainty():
         found = backlash_numbers(
             estimate(
                 lay_out(
-                    Bench(seed=seed, increments=5, reversal=PLAY).survey(passes=(1, 2), joined=True)
+                    Bench(seed=seed, increments=5, reversal=PLAY).survey(
+                        passes=(1, 2), joined=True
+                    )
                 ),
                 "FXYZ",
             )
         )
         numbers = {axis: getattr(found, axis) for axis in "XYZ"}
         inside += [
-            abs(numbers[axis].value - true) <= 2 * numbers[axis].u for axis, true in TRUE_UM.items()
+            abs(numbers[axis].value - true) <= 2 * numbers[axis].u
+            for axis, true in TRUE_UM.items()
         ]
         assert max(number.u for number in numbers.values()) < 0.6
     assert np.mean(inside) >= 0.9
@@ -66,7 +69,8 @@ def test_backlash_that_varies_is_followed():
     bench = Bench(seed=1, reversal={"EXX": lambda p: 2.0 + 4.0 * p / 500.0})
     result = solve(bench.survey(passes=(1, 2), joined=True))
     assert np.all(
-        np.abs(result.reversal["EXX"].value - np.linspace(2, 6, 11)) < 3 * result.reversal["EXX"].u
+        np.abs(result.reversal["EXX"].value - np.linspace(2, 6, 11))
+        < 3 * result.reversal["EXX"].u
     )
 
 
@@ -80,7 +84,9 @@ def test_without_a_common_zero_there_is_no_backlash_number():
 def test_without_linear_runs_the_backlash_of_one_axis_is_not_guessed():
     """Each diagonal sees a sum over the axes."""
     assert (
-        solve(Bench(seed=1, reversal=PLAY).survey(DIAGONALS, passes=(1, 2), joined=True)).backlash
+        solve(
+            Bench(seed=1, reversal=PLAY).survey(DIAGONALS, passes=(1, 2), joined=True)
+        ).backlash
         is None
     )
 
@@ -111,7 +117,9 @@ def test_out_and_back_diagonals_beside_one_way_linear_runs_are_no_worse_than_one
 def test_a_count_lost_in_the_middle_of_a_pass_costs_the_move_across_it_and_nothing_else():
     bench = Bench(seed=2)
     readings = bench.survey(passes=(1, 2), joined=True)
-    lost = (np.array(readings.setup) == "npp") & ((readings.pass_number > 1) | (readings.stop > 12))
+    lost = (np.array(readings.setup) == "npp") & (
+        (readings.pass_number > 1) | (readings.stop > 12)
+    )
     off = replace(
         readings,
         reading_mm=readings.reading_mm + np.where(lost, 7.0, 0.0),
@@ -127,7 +135,9 @@ def test_a_count_lost_in_the_middle_of_a_pass_costs_the_move_across_it_and_nothi
 def test_readings_of_a_stretch_are_relative_to_its_first_row_whatever_that_reads():
     readings = Bench(seed=2).survey(passes=(1, 2), joined=True)
     shifted = replace(readings, reading_mm=readings.reading_mm + 123.456)
-    assert lay_out(shifted).deviation_um == pytest.approx(lay_out(readings).deviation_um, abs=1e-6)
+    assert lay_out(shifted).deviation_um == pytest.approx(
+        lay_out(readings).deviation_um, abs=1e-6
+    )
 
 
 def read_in_joined_counts(bench, passes_of):
@@ -154,7 +164,9 @@ def read_in_joined_counts(bench, passes_of):
     ],
     ids=["runs both ways", "all but one both ways", "one run alone"],
 )
-def test_backlash_is_no_step_of_the_count_where_only_some_setups_were_driven_both_ways(passes_of):
+def test_backlash_is_no_step_of_the_count_where_only_some_setups_were_driven_both_ways(
+    passes_of,
+):
     """Truth 8 / 5 / 3 µm in repeatable readings, that the count of no setup jumped by."""
     for seed in spread(range(4), 2):
         bench = Bench(seed=seed, increments=5, reversal=PLAY)
@@ -177,7 +189,10 @@ def begun_from_within(readings, backlash_um):
         travel = position[-1] - position[0]
         moved = np.abs(position - position[0]) > 1.0
         reading[rows] -= (
-            1e-3 * backlash_um * np.sum(moved * np.abs(travel), axis=1) / np.linalg.norm(travel)
+            1e-3
+            * backlash_um
+            * np.sum(moved * np.abs(travel), axis=1)
+            / np.linalg.norm(travel)
         )
     return replace(readings, reading_mm=reading)
 

@@ -69,7 +69,9 @@ def test_many_stops_along_the_axes_alone_give_the_positioning_of_each():
 def test_a_machine_that_stands_elsewhere_has_the_same_errors():
     moved = Bench(increments=4, origin_mm=(-1200.0, 350.0, 80.0)).survey()
     here, there = solve(SURVEY), solve(moved)
-    assert there.squareness["C0Y"].value == pytest.approx(here.squareness["C0Y"].value, abs=1e-3)
+    assert there.squareness["C0Y"].value == pytest.approx(
+        here.squareness["C0Y"].value, abs=1e-3
+    )
     assert there.errors["EZX"].position_mm[0] == -1200.0
     assert there.errors["EZX"].value == pytest.approx(here.errors["EZX"].value, abs=1e-3)
 
@@ -95,7 +97,9 @@ def test_wrong_use_is_refused(options, message):
 def test_a_survey_without_one_diagonal_says_what_it_lacks(missing):
     """Three diagonals and three linear runs: rank 9n+3 of the theory's table, one squareness or
     more is unknown or all is told."""
-    result = solve(Bench(increments=4).survey([name for name in DIAGONALS if name != missing]))
+    result = solve(
+        Bench(increments=4).survey([name for name in DIAGONALS if name != missing])
+    )
     codes = {finding.key for finding in result.findings}
     assert "unidentified.squareness" in codes
     for name, quantity in result.squareness.items():
@@ -175,7 +179,8 @@ def test_what_is_not_identified_leaves_no_trace_of_the_processor():
         told.append(done.stdout)
     here, there = (each.split("---") for each in told)
     assert all(
-        same_result(one.encode(), other.encode()) for one, other in zip(here, there, strict=True)
+        same_result(one.encode(), other.encode())
+        for one, other in zip(here, there, strict=True)
     )
     result = json.loads(here[1])
     unidentified = {

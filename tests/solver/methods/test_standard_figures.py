@@ -35,7 +35,9 @@ def test_linear_runs_are_targets_by_outward_runs():
     layout = lay_out(run_of([[0, 1, 2, 3, 4], [0, 2, 3, 4, 6]]), volume=BOX)
     runs = linear_runs(layout)["linear-x"].runs
     assert runs.target_mm == pytest.approx([0, 100, 200, 300, 400])
-    assert runs.up_um == pytest.approx(np.array([[0, 0], [1, 2], [2, 3], [3, 4], [4, 6]]), abs=1e-6)
+    assert runs.up_um == pytest.approx(
+        np.array([[0, 0], [1, 2], [2, 3], [3, 4], [4, 6]]), abs=1e-6
+    )
     assert runs.down_um is None
 
 
@@ -58,7 +60,8 @@ def both_ways(backlash_um, *, stretches=(1, 1, 1, 1, 1), noise_um=0.0):
     stops = linear_stops_mm(BOX, "linear-x")
     rng = np.random.default_rng(1)
     columns = {
-        name: [] for name in ("setup", "pass_number", "stop", "position_mm", "reading_mm", "zero")
+        name: []
+        for name in ("setup", "pass_number", "stop", "position_mm", "reading_mm", "zero")
     }
     for pair, zero in enumerate(stretches):
         for way, points in enumerate((stops, stops[::-1])):
@@ -81,7 +84,9 @@ def test_both_directions_on_one_count_give_the_bidirectional_figures():
     3."""
     report = written(standards_report(both_ways(3.0)))["linear-x"]
     iso = report[0]
-    found = {name: iso[name] for name in ("E_up", "E_down", "E", "B", "B_mean", "M", "R", "A")}
+    found = {
+        name: iso[name] for name in ("E_up", "E_down", "E", "B", "B_mean", "M", "R", "A")
+    }
     assert found == pytest.approx(
         {
             "E_up": 4.0,
@@ -134,7 +139,9 @@ def test_every_figure_comes_with_its_uncertainty_and_length_counts_in_none_of_ba
 def test_runs_on_another_count_do_not_pretend_to_share_the_zero():
     """Two of five pairs were driven after the count had been lost: the three that share one are
     evaluated."""
-    report = written(standards_report(both_ways(3.0, stretches=(1, 1, 1, 2, 2))))["linear-x"][0]
+    report = written(standards_report(both_ways(3.0, stretches=(1, 1, 1, 2, 2))))["linear-x"][
+        0
+    ]
     assert report["runs"] == 3
     assert report["B"] == pytest.approx(3.0)
 
@@ -152,7 +159,10 @@ def test_a_run_from_the_high_end_has_the_same_backlash():
     along = 400.0 - np.array(columns["position_mm"])[:, 0]
     layout = lay_out(
         make_readings(
-            setup=["linear-x"] * 10, reading_mm=along - 1e-3 * error_um, zero=[1] * 10, **columns
+            setup=["linear-x"] * 10,
+            reading_mm=along - 1e-3 * error_um,
+            zero=[1] * 10,
+            **columns,
         ),
         volume=BOX,
     )
@@ -178,9 +188,12 @@ def as_readings(name, setup="linear-x"):
     targets = sorted({float(row["target_mm"]) for row in rows})
     way = np.ones(3) / np.sqrt(3.0) if setup.startswith("body") else np.eye(3)[0]
     columns = {
-        key: [] for key in ("setup", "pass_number", "stop", "position_mm", "reading_mm", "zero")
+        key: []
+        for key in ("setup", "pass_number", "stop", "position_mm", "reading_mm", "zero")
     }
-    for row in sorted(rows, key=lambda row: (int(row["cycle"]), row["direction"] == "reverse")):
+    for row in sorted(
+        rows, key=lambda row: (int(row["cycle"]), row["direction"] == "reverse")
+    ):
         back, along = row["direction"] == "reverse", float(row["target_mm"]) - targets[0]
         stop = targets.index(float(row["target_mm"]))
         columns["setup"].append(setup)
@@ -236,7 +249,9 @@ def test_body_diagonals_are_iso_230_6_and_the_machine_has_the_largest():
         mirrored.append(
             replace(
                 readings,
-                position_mm=np.where(turned, side - readings.position_mm, readings.position_mm),
+                position_mm=np.where(
+                    turned, side - readings.position_mm, readings.position_mm
+                ),
             )
         )
     joined = make_readings(
@@ -248,7 +263,9 @@ def test_body_diagonals_are_iso_230_6_and_the_machine_has_the_largest():
     )
     report = written(
         standards_report(
-            lay_out(joined, volume=Volume(origin_mm=(0.0,) * 3, size_mm=(side,) * 3, increments=4))
+            lay_out(
+                joined, volume=Volume(origin_mm=(0.0,) * 3, size_mm=(side,) * 3, increments=4)
+            )
         )
     )
     assert "step-diagonals" not in report
@@ -258,5 +275,6 @@ def test_body_diagonals_are_iso_230_6_and_the_machine_has_the_largest():
         assert machine[name] == pytest.approx(um, abs=6e-5)
         assert machine["U"][name] > 0.0
     assert all(
-        report[f"body-{name}"][0]["E"] == pytest.approx(15.988, abs=6e-5) for name in DIAGONALS
+        report[f"body-{name}"][0]["E"] == pytest.approx(15.988, abs=6e-5)
+        for name in DIAGONALS
     )

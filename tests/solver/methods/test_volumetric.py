@@ -73,7 +73,9 @@ def test_the_result_names_waves_that_its_increments_cannot_carry():
 
 
 @pytest.mark.parametrize(
-    "setups", [(*DIAGONALS, *LINEAR), DIAGONALS], ids=["with linear runs", "scales not identified"]
+    "setups",
+    [(*DIAGONALS, *LINEAR), DIAGONALS],
+    ids=["with linear runs", "scales not identified"],
 )
 def test_what_a_heads_angles_are_said_to_leave_is_what_they_leave(setups):
     bench = Bench(seed=3, angle_urad=20.0)
@@ -82,7 +84,9 @@ def test_what_a_heads_angles_are_said_to_leave_is_what_they_leave(setups):
         solve(readings, assumed=IDEAL),
         solve(readings, angles=bench.angles(1.0), assumed=IDEAL),
     )
-    text = next(finding.text for finding in found.findings if finding.code == "angles-unmeasured")
+    text = next(
+        finding.text for finding in found.findings if finding.code == "angles-unmeasured"
+    )
     told = float(re.search(r"with the angles of a head about (\S+) µm", text)[1])
     assert told == pytest.approx(with_angles.volumetric_u_um, rel=0.03)
     assert told < 0.98 * found.volumetric_u_um
@@ -94,7 +98,9 @@ def test_exact_readings_without_linear_runs_leave_the_usual_of_the_scales():
     exact, noisy = (
         Bench(seed=3, diagonal_noise_um=noise).survey(DIAGONALS) for noise in (0.0, 0.05)
     )
-    assert solve(exact).volumetric_u_um == pytest.approx(solve(noisy).volumetric_u_um, rel=0.05)
+    assert solve(exact).volumetric_u_um == pytest.approx(
+        solve(noisy).volumetric_u_um, rel=0.05
+    )
 
 
 def test_four_diagonals_alone_promise_what_comes_true():
@@ -174,11 +180,14 @@ def test_what_another_processor_rounds_otherwise_draws_the_same_machines(seed, m
     assert here.posterior is not None
     assert there.posterior is not None
     assert all(
-        np.any(np.round(values, POSTERIOR_DECIMALS)) for values in here.posterior.rest.values()
+        np.any(np.round(values, POSTERIOR_DECIMALS))
+        for values in here.posterior.rest.values()
     )
     assert list(there.posterior.rest) == list(here.posterior.rest)
     said = [
-        predicted(one, POINTS, np.zeros((len(POINTS), 3))).without_rigid_motion["before"].rms_um
+        predicted(one, POINTS, np.zeros((len(POINTS), 3)))
+        .without_rigid_motion["before"]
+        .rms_um
         for one in (here, there)
     ]
     assert (said[0].low_um, said[0].high_um) == pytest.approx(
@@ -189,7 +198,9 @@ def test_what_another_processor_rounds_otherwise_draws_the_same_machines(seed, m
 def test_linear_runs_alone_are_solved_though_no_angle_moves_them():
     result = solve(Bench(seed=2).survey(LINEAR))
     assert all(scale.identified for scale in result.scale.values())
-    assert {name for name, number in result.squareness.items() if number.value is not None} == set()
+    assert {
+        name for name, number in result.squareness.items() if number.value is not None
+    } == set()
 
 
 def test_of_six_values_a_wave_of_two_increments_leaves_no_trace():
@@ -206,14 +217,18 @@ def test_of_six_values_a_wave_of_two_increments_leaves_no_trace():
             u_readings=0 * at,
         )
         height_um.append(
-            float(np.median(between_um(dict.fromkeys(DISPLACEMENTS, bow), Assumptions())["EYX"]))
+            float(
+                np.median(between_um(dict.fromkeys(DISPLACEMENTS, bow), Assumptions())["EYX"])
+            )
         )
     assert height_um[0] > 0.1
     assert height_um[1] < 0.01
 
 
 @pytest.mark.parametrize(("waves", "named"), [(1, False), (6, True)])
-def test_waves_that_only_a_finer_run_shows_are_expected_of_what_was_not_driven_finer(waves, named):
+def test_waves_that_only_a_finer_run_shows_are_expected_of_what_was_not_driven_finer(
+    waves, named
+):
     """Six waves of 4 µm on eight increments look like two: tables made 8.5 µm 10, and 1.8 µm were
     promised, with linear runs of three times as many targets that showed them in three of nine
     functions."""
@@ -222,7 +237,8 @@ def test_waves_that_only_a_finer_run_shows_are_expected_of_what_was_not_driven_f
     )
     diagonals, fine = bench.survey(DIAGONALS), replace(bench, increments=24).survey(LINEAR)
     readings = parse_readings(
-        render_readings(diagonals) + "".join(render_readings(fine).splitlines(keepends=True)[1:])
+        render_readings(diagonals)
+        + "".join(render_readings(fine).splitlines(keepends=True)[1:])
     )
     result = solve(readings, assumed=IDEAL)
     found = error_field_um(result, POINTS)
@@ -230,7 +246,9 @@ def test_waves_that_only_a_finer_run_shows_are_expected_of_what_was_not_driven_f
     told = predicted(result, POINTS, -found).without_rigid_motion["after"].rms_um
     assert told.low_um <= np.sqrt(np.mean(np.sum(left**2, axis=1))) <= told.high_um
     assert told.high_um < 10 * told.low_um if named else told.high_um < 2 * told.low_um
-    named_so = [finding.text for finding in result.findings if finding.code == "increments-coarse"]
+    named_so = [
+        finding.text for finding in result.findings if finding.code == "increments-coarse"
+    ]
     assert [
         text.startswith("EYX, EZX, EXY, EZY, EXZ, EYZ: a finer run shows waves of ")
         for text in named_so
@@ -260,7 +278,9 @@ def test_what_few_targets_leave_of_a_smooth_function_is_no_wave_that_hides(incre
 def _measured(position_mm, function, rng):
     value = function(position_mm) + rng.normal(0.0, 0.2, len(position_mm))
     u = np.full(len(position_mm), 0.2)
-    return Function(position_mm=position_mm, value=value - value[0], u=u, unit="um", u_readings=u)
+    return Function(
+        position_mm=position_mm, value=value - value[0], u=u, unit="um", u_readings=u
+    )
 
 
 @pytest.mark.parametrize(
@@ -291,7 +311,9 @@ def test_the_shares_of_the_volume_make_its_uncertainty(setups, increments):
 def test_twice_the_increments_make_the_share_between_the_targets_smaller():
     """As the conclusion promises where it is the largest."""
     few, many = (
-        solve(Bench(seed=1, increments=n).survey()).budget.shares["volume"]["between the targets"]
+        solve(Bench(seed=1, increments=n).survey()).budget.shares["volume"][
+            "between the targets"
+        ]
         for n in (5, 10)
     )
     assert many < 0.7 * few

@@ -14,7 +14,9 @@ def test_an_ordinary_machine_with_screws_is_the_default():
 
 
 def test_every_class_states_the_same_sizes():
-    assert {frozenset(sizes) for sizes in CLASSES.values()} == {frozenset(CLASSES["ordinary"])}
+    assert {frozenset(sizes) for sizes in CLASSES.values()} == {
+        frozenset(CLASSES["ordinary"])
+    }
     assert {frozenset(sizes) for sizes in FEEDBACKS.values()} == {frozenset(CLASSES)}
 
 
@@ -26,4 +28,7 @@ def test_a_worse_class_has_larger_sizes(feedback):
 
 @pytest.mark.parametrize("machine", CLASSES)
 def test_a_scale_leaves_smaller_waves_than_a_screw(machine):
-    assert usual_sizes(machine, "scale")["between_um"] < usual_sizes(machine, "screw")["between_um"]
+    assert (
+        usual_sizes(machine, "scale")["between_um"]
+        < usual_sizes(machine, "screw")["between_um"]
+    )

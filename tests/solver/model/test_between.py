@@ -17,7 +17,9 @@ COLUMNS = ("pass_number", "stop", "position_mm", "reading_mm", "u_um", "beam_mm"
 
 
 def joined(*parts):
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
+    columns = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS
+    }
     return make_readings(setup=[name for part in parts for name in part.setup], **columns)
 
 
@@ -89,11 +91,15 @@ def test_a_program_with_one_decimal_knows_no_more_between_the_nodes_than_an_exac
     moved_mm = np.sum((position_mm - exact.position_mm) * layout.direction, axis=1)
     found, rounded = (
         solve(exact),
-        solve(replace(exact, position_mm=position_mm, reading_mm=exact.reading_mm + moved_mm)),
+        solve(
+            replace(exact, position_mm=position_mm, reading_mm=exact.reading_mm + moved_mm)
+        ),
     )
     assert rounded.volumetric_u_um == pytest.approx(found.volumetric_u_um, rel=0.02)
     for name in ("EXX", "EYY", "EZZ"):
-        assert rounded.errors[name].position_mm == pytest.approx(found.errors[name].position_mm)
+        assert rounded.errors[name].position_mm == pytest.approx(
+            found.errors[name].position_mm
+        )
 
 
 def passed(name, *position_mm):
@@ -116,7 +122,11 @@ def test_a_head_off_the_nodes_sees_a_bridge_in_every_cell():
     )
     between = between_of(layout, measured)
     assert between.names == ("EYX", "EZX")
-    assert [axis.position_mm.tolist() for axis in between.axes] == [[50.0, 100.0, 250.0], [], []]
+    assert [axis.position_mm.tolist() for axis in between.axes] == [
+        [50.0, 100.0, 250.0],
+        [],
+        [],
+    ]
     effect = between_beside_head(layout, measured, between)
     share = np.array([0.25, 0.5])
     cell = 4 * (np.minimum(share[:, None], share) - share[:, None] * share) * USUAL_UM**2

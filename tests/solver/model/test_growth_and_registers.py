@@ -55,7 +55,8 @@ def test_growth_lengthens_each_axis_along_its_travel_and_moves_it_by_its_bearing
 
 
 @pytest.mark.parametrize(
-    "change", [{"time_s": np.full(len(READINGS), np.nan)}, {"time_s": np.full(len(READINGS), 5.0)}]
+    "change",
+    [{"time_s": np.full(len(READINGS), np.nan)}, {"time_s": np.full(len(READINGS), 5.0)}],
 )
 def test_without_times_there_is_no_growth_to_tell(change):
     assert GROWTH not in effects(replace(READINGS, **change))
@@ -71,7 +72,9 @@ def reported_beside(moves_um, stops_um):
     layout, rng = lay_out(READINGS), np.random.default_rng(1)
     order = np.concatenate(list(READINGS.passes().values()))
     moved_mm = 1e-3 * moves_um * rng.normal(size=int(layout.arrival.max()) + 2)
-    position = READINGS.position_mm + 1e-3 * stops_um * rng.normal(size=READINGS.position_mm.shape)
+    position = READINGS.position_mm + 1e-3 * stops_um * rng.normal(
+        size=READINGS.position_mm.shape
+    )
     position[order] += np.where(layout.arrival >= 0, moved_mm[layout.arrival], 0.0)
     return replace(READINGS, position_mm=position)
 

@@ -29,7 +29,9 @@ HEAD_U_URAD = 1.0
 def left_um(bench, result):
     """Return the rms of the volumetric error (rigid motion removed) before, and after the result's
     errors are taken away."""
-    volume = Volume(origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments)
+    volume = Volume(
+        origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments
+    )
     grid = np.stack(
         np.meshgrid(*[volume.nodes_mm(axis) for axis in range(3)], indexing="ij"), -1
     ).reshape(-1, 3)
@@ -95,7 +97,11 @@ def test_every_line_gives_the_straightness_of_the_head():
     assert set(report) == set(STRAIGHT)
     for facts in report.values():
         assert facts.passes == 2
-        assert 0 < facts.minimum_zone_um <= min(facts.end_point_um, facts.least_squares_um) + 1e-9
+        assert (
+            0
+            < facts.minimum_zone_um
+            <= min(facts.end_point_um, facts.least_squares_um) + 1e-9
+        )
 
 
 def test_a_head_that_contradicts_the_diagonals_is_not_averaged_away():
@@ -103,7 +109,9 @@ def test_a_head_that_contradicts_the_diagonals_is_not_averaged_away():
     out, U reaches to it, no export."""
     bench = replace(MACHINE, seed=2, angle_urad=0.0, increments=4)
     right = straightness(bench, 2)
-    measured = [replace(one, value_um=-one.value_um) if one.name == "EZX" else one for one in right]
+    measured = [
+        replace(one, value_um=-one.value_um) if one.name == "EZX" else one for one in right
+    ]
     result = solve(bench.survey(passes=(1, 2)), straightness=measured)
     (finding,) = [
         finding for finding in result.findings if finding.code == "straightness-misclosure"
@@ -119,7 +127,9 @@ def test_a_head_that_contradicts_the_diagonals_is_not_averaged_away():
     assert np.all(np.abs(function.value - true) <= 2 * function.u + 1e-9)
     told = result.head_straightness["EZX"].difference_um.value
     assert told == pytest.approx(-2 * true, abs=2.0)
-    assert 2 * function.u[1:-1] == pytest.approx(np.hypot(2 * without.errors["EZX"].u, told)[1:-1])
+    assert 2 * function.u[1:-1] == pytest.approx(
+        np.hypot(2 * without.errors["EZX"].u, told)[1:-1]
+    )
     agreeing = solve(bench.survey(passes=(1, 2)), straightness=right)
     assert "straightness-misclosure" not in {finding.code for finding in agreeing.findings}
 
@@ -133,12 +143,16 @@ def test_a_bow_of_the_heads_beam_is_not_taken_for_the_machines_yaw(angle_urad):
     share = np.linspace(0.0, 1.0, bench.increments + 1)
     right = straightness(bench, 1)
     bent = [
-        replace(one, value_um=one.value_um + 32.0 * share * (1.0 - share) * (one.name == "EYX"))
+        replace(
+            one, value_um=one.value_um + 32.0 * share * (1.0 - share) * (one.name == "EYX")
+        )
         for one in right
     ]
     result = solve(bench.survey(), straightness=bent)
     assert [
-        finding.text[:4] for finding in result.findings if finding.code == "straightness-misclosure"
+        finding.text[:4]
+        for finding in result.findings
+        if finding.code == "straightness-misclosure"
     ] == ["EYX:"]
     off = np.abs(result.errors["EYX"].value - bench.truth.errors["EYX"])
     assert np.all(off <= 2 * result.errors["EYX"].u + 1e-9)
@@ -204,7 +218,9 @@ def test_a_wrong_sign_does_not_hide_between_the_nodes(stops):
 
 
 @pytest.mark.parametrize("stops", spread([8, 6, 5], 2))
-def test_wrong_signs_of_all_functions_make_nothing_between_the_nodes_that_would_hold_them(stops):
+def test_wrong_signs_of_all_functions_make_nothing_between_the_nodes_that_would_hold_them(
+    stops,
+):
     _, result = beside_the_nodes(5, stops, SEEN)
     assert set(said(result, "straightness-misclosure")) == set(SEEN)
 
@@ -241,8 +257,12 @@ def test_a_sign_that_the_diagonals_do_not_see_is_said(wrong):
 
 def test_a_position_outside_the_volume_is_refused():
     bench = Bench(seed=1, increments=4)
-    measured = [replace(one, position_mm=one.position_mm + 1.0) for one in straightness(bench, 1)]
-    with pytest.raises(DataError, match="4-DOF head: EYX: expected positions from 0 to 500 mm"):
+    measured = [
+        replace(one, position_mm=one.position_mm + 1.0) for one in straightness(bench, 1)
+    ]
+    with pytest.raises(
+        DataError, match="4-DOF head: EYX: expected positions from 0 to 500 mm"
+    ):
         solve(bench.survey(passes=(1, 2)), straightness=measured)
 
 
@@ -263,7 +283,9 @@ def test_an_angle_that_may_move_takes_the_point_under_the_head_along(chain):
     carriage on the work side is its own travel."""
     bench = Bench(increments=4, chain=chain)
     measured, low = straightness(bench, 1, approaches=(1,)), np.array(bench.origin_mm)
-    design = build_design(lay_out(bench.survey()), chain, Model(angles=True, lines=len(measured)))
+    design = build_design(
+        lay_out(bench.survey()), chain, Model(angles=True, lines=len(measured))
+    )
     rows = lateral_rows(design, measured, {}).rows.dense()
     carried = {letter: letter in chain.partition("F")[0] for letter in "XYZ"}
     for rotation in ROTATIONS:
@@ -271,10 +293,17 @@ def test_an_angle_that_may_move_takes_the_point_under_the_head_along(chain):
         places = design.columns.of(1, axis, "ABC".index(rotation[1]))
         for number, one in enumerate(measured):
             seen = rows[5 * number : 5 * number + 5, places]
-            arm_mm = (one.position_mm[:, None] - low[axis]) * np.eye(3)[axis] * carried[rotation[2]]
+            arm_mm = (
+                (one.position_mm[:, None] - low[axis])
+                * np.eye(3)[axis]
+                * carried[rotation[2]]
+            )
             moved_um = (
                 1e-3
                 * np.cross(about, arm_mm)[:, "XYZ".index(one.name[1])]
                 * (one.name[2] == rotation[2])
             )
-            assert seen == pytest.approx(np.diag(moved_um)[:, 1:], abs=1e-12), (rotation, one.name)
+            assert seen == pytest.approx(np.diag(moved_um)[:, 1:], abs=1e-12), (
+                rotation,
+                one.name,
+            )

@@ -67,8 +67,12 @@ def test_a_stop_left_out_in_the_middle_is_named(stop):
         lay_out(without(SURVEY, "pnp", stop, renumber=True), "morning")
 
 
-@pytest.mark.parametrize(("setup", "stop"), [("pnp", 1), ("npp", 7), ("ppp", 14), ("linear-y", 3)])
-def test_a_stop_that_the_file_leaves_out_is_named_and_the_rest_is_placed_as_before(setup, stop):
+@pytest.mark.parametrize(
+    ("setup", "stop"), [("pnp", 1), ("npp", 7), ("ppp", 14), ("linear-y", 3)]
+)
+def test_a_stop_that_the_file_leaves_out_is_named_and_the_rest_is_placed_as_before(
+    setup, stop
+):
     whole, layout = lay_out(SURVEY), lay_out(without(SURVEY, setup, stop, renumber=False))
     (finding,) = layout.findings
     assert finding.code == "stop-missing"
@@ -96,7 +100,10 @@ def test_a_gap_does_not_excuse_a_pass_that_drives_elsewhere():
 
 
 def test_a_single_diagonal_with_a_gap_keeps_its_increments():
-    assert lay_out(without(BENCH.survey(["ppp"]), "ppp", 8, renumber=False)).volume.increments == 5
+    assert (
+        lay_out(without(BENCH.survey(["ppp"]), "ppp", 8, renumber=False)).volume.increments
+        == 5
+    )
 
 
 def test_a_pass_that_was_cut_off_is_refused():
@@ -125,7 +132,8 @@ def test_a_diagonal_of_another_box_is_refused():
 
 def test_a_setup_that_drives_another_diagonal_is_refused():
     swapped = replace(
-        SURVEY, setup=tuple({"ppp": "npp", "npp": "ppp"}.get(name, name) for name in SURVEY.setup)
+        SURVEY,
+        setup=tuple({"ppp": "npp", "npp": "ppp"}.get(name, name) for name in SURVEY.setup),
     )
     with pytest.raises(
         DataError,

@@ -14,7 +14,9 @@ VALUES_UM = SIZE_UM * np.random.default_rng(2).normal(size=400)
 
 def mean_of(values_um, weight):
     """Return the fit of one number to values."""
-    rows = Rows(np.zeros((len(values_um), 1), dtype=np.int64), np.ones((len(values_um), 1)), 1)
+    rows = Rows(
+        np.zeros((len(values_um), 1), dtype=np.int64), np.ones((len(values_um), 1)), 1
+    )
     return fit(rows, order_blocks(np.full(1, -1)), values_um, weight)
 
 

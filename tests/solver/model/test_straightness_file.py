@@ -16,7 +16,8 @@ from testkit.exact.surveys import Bench
 def test_what_is_written_is_read_back_and_weighs_the_same():
     bench = Bench(seed=3, increments=4, angle_urad=10.0)
     measured = [
-        replace(one, position_mm=np.round(one.position_mm, 6)) for one in straightness(bench, 3)
+        replace(one, position_mm=np.round(one.position_mm, 6))
+        for one in straightness(bench, 3)
     ]
     text = render_straightness(measured)
     again = parse_straightness(text, "straightness.csv")
@@ -25,7 +26,10 @@ def test_what_is_written_is_read_back_and_weighs_the_same():
         (one.name, one.approach) for one in measured
     }
     readings = bench.survey(passes=(1, 2))
-    direct, through = solve(readings, straightness=measured), solve(readings, straightness=again)
+    direct, through = (
+        solve(readings, straightness=measured),
+        solve(readings, straightness=again),
+    )
     for name, function in direct.errors.items():
         assert through.errors[name].value == pytest.approx(function.value, abs=1e-4), name
         assert through.errors[name].u == pytest.approx(function.u, abs=1e-4), name
@@ -35,7 +39,9 @@ def test_an_uncertain_straightness_hardly_counts():
     """The bench's head lies by 20 µm here, and says that it may."""
     bench = Bench(seed=3, increments=4)
     readings = bench.survey(passes=(1, 2))
-    bent = "".join(f"{x:g},{20 * np.sin(np.pi * x / 500):g},30\n" for x in np.linspace(0, 500, 5))
+    bent = "".join(
+        f"{x:g},{20 * np.sin(np.pi * x / 500):g},30\n" for x in np.linspace(0, 500, 5)
+    )
     told = parse_straightness("position_mm,EYX_um,u_EYX_um\n" + bent)
     alone, beside = solve(readings), solve(readings, straightness=told)
     assert beside.errors["EYX"].value == pytest.approx(alone.errors["EYX"].value, abs=0.2)

@@ -27,7 +27,10 @@ def test_golden_survey_by_least_squares():
     assert solution.scale_sum_um == pytest.approx(6.271, abs=5e-4)
     for index, (name, shape) in enumerate(golden_shapes().items()):
         axis, component = "XYZ".index(name[2]), "XYZ".index(name[1])
-        assert np.max(np.abs(solution.error_um[component, axis] - shape)) < 0.002, (index, name)
+        assert np.max(np.abs(solution.error_um[component, axis] - shape)) < 0.002, (
+            index,
+            name,
+        )
 
 
 def test_golden_survey_as_printed():
@@ -66,7 +69,8 @@ def hand_made(errors_um, order="xyz"):
                 node["xyz".index(letter)] += signs["xyz".index(letter)]
                 nodes.append(node.copy())
         actual = [
-            step * at + 1e-3 * sum(errors_um[axis, at[axis]] for axis in range(3)) for at in nodes
+            step * at + 1e-3 * sum(errors_um[axis, at[axis]] for axis in range(3))
+            for at in nodes
         ]
         rows += [
             (setup, stop, step * at, float((point - actual[0]) @ direction))
@@ -130,13 +134,16 @@ def test_the_closure_residual_is_noise_of_twice_a_deviation():
     assert (
         np.max(
             np.abs(
-                closure_um(diagonal_data(lay_out(Bench(diagonal_noise_um=0.0).survey(DIAGONALS))))
+                closure_um(
+                    diagonal_data(lay_out(Bench(diagonal_noise_um=0.0).survey(DIAGONALS)))
+                )
             )
         )
         < 0.03
     )
     noisy = [
-        closure_um(diagonal_data(lay_out(Bench(seed=seed).survey(DIAGONALS)))) for seed in range(30)
+        closure_um(diagonal_data(lay_out(Bench(seed=seed).survey(DIAGONALS))))
+        for seed in range(30)
     ]
     increments = np.diff(noisy, axis=2)
     assert np.std(increments) == pytest.approx(0.3 * np.sqrt(8 * 9 / 10), rel=0.1)
@@ -183,13 +190,16 @@ def test_stated_uncertainties_agree_with_the_scatter_of_many_surveys():
 
 @pytest.mark.parametrize("method", ["wang2000", "least-squares"])
 def test_a_missing_diagonal_is_named(method):
-    with pytest.raises(DataError, match="found no pnp; measure them, or use the method `estimate`"):
+    with pytest.raises(
+        DataError, match="found no pnp; measure them, or use the method `estimate`"
+    ):
         solve(Bench().survey(["ppp", "npp", "ppn"]), method=method)
 
 
 def test_other_runs_are_not_used_and_that_is_said():
     found = {
-        finding.key: finding for finding in solve(Bench().survey(), method="least-squares").findings
+        finding.key: finding
+        for finding in solve(Bench().survey(), method="least-squares").findings
     }
     assert "linear-x, linear-y, linear-z" in found["method-limited.runs"].text
     assert "unidentified.sum" in found

@@ -25,13 +25,16 @@ def warmed(readings, *, told):
         layout.position_mm - layout.position_mm[first][layout.zero_index], axis=1
     )
     along = np.sum(
-        (layout.position_mm - layout.position_mm[first][layout.zero_index]) * layout.direction,
+        (layout.position_mm - layout.position_mm[first][layout.zero_index])
+        * layout.direction,
         axis=1,
     )
     assert np.all(np.abs(along) <= 1e3 * way_m + 1e-9)
     grown = 11.7e-3 * along * warmer
     known = 20.0 + warmer if told else np.full(len(warmer), np.nan)
-    return layout, replace(layout, deviation_um=layout.deviation_um + grown, temperature_c=known)
+    return layout, replace(
+        layout, deviation_um=layout.deviation_um + grown, temperature_c=known
+    )
 
 
 def test_readings_are_brought_to_the_mean_temperature_of_the_survey():
@@ -46,7 +49,9 @@ def test_readings_are_brought_to_the_mean_temperature_of_the_survey():
         cold.deviation_um + 11.7e-3 * along * mean, abs=1e-6
     )
     assert [
-        finding.code for finding in levelled.findings if finding.code == "temperature-levelled"
+        finding.code
+        for finding in levelled.findings
+        if finding.code == "temperature-levelled"
     ] == ["temperature-levelled"]
 
 

@@ -25,7 +25,9 @@ def plan(setups, size=SIZES[1], increments=6, order="xyz", offsets=None):
     volume = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=size, increments=increments)
     runs = tuple(
         Run(
-            setup=name, return_pass=False, beam_offset_mm=(offsets or {}).get(name, (0.0, 0.0, 0.0))
+            setup=name,
+            return_pass=False,
+            beam_offset_mm=(offsets or {}).get(name, (0.0, 0.0, 0.0)),
         )
         for name in setups
     )
@@ -64,7 +66,10 @@ def test_ranks_of_the_separable_model(design, increments, size):
 
 def test_continuous_diagonals_tell_little():
     """Theory 5.1: ISO 230-6 diagonals, n = 6: rank 21 of 54, so 33 combinations stay unknown."""
-    assert rank_and_hidden(lay_out(perfect_readings(plan(CONTINUOUS_DIAGONALS), 0.3))) == (21, 33)
+    assert rank_and_hidden(lay_out(perfect_readings(plan(CONTINUOUS_DIAGONALS), 0.3))) == (
+        21,
+        33,
+    )
 
 
 @given(
@@ -87,7 +92,9 @@ def test_what_one_more_run_leaves_hidden(rows, hidden, own, seed):
     assert null @ (null.T @ left) == pytest.approx(left, abs=1e-9)
     assert left.T @ left == pytest.approx(np.eye(left.shape[1]), abs=1e-9)
     seen = run.machine @ left
-    assert seen == pytest.approx(run.nuisance @ np.linalg.lstsq(run.nuisance, seen)[0], abs=1e-6)
+    assert seen == pytest.approx(
+        run.nuisance @ np.linalg.lstsq(run.nuisance, seen)[0], abs=1e-6
+    )
 
 
 CHAINS = ["FXYZ", "XFYZ", "XYFZ", "XYZF"]
@@ -123,8 +130,12 @@ def test_axis_orders_alone_do_not_resolve_the_angles(chain, orders, rank):
         for name in ("pass_number", "stop", "position_mm", "reading_mm")
     }
     columns = ("u_um", "temperature_c", "time_s", "beam_mm", "zero", "at_20_c", "turned")
-    joined |= {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
-    readings = type(readings)(setup=tuple(name for part in parts for name in part.setup), **joined)
+    joined |= {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in columns
+    }
+    readings = type(readings)(
+        setup=tuple(name for part in parts for name in part.setup), **joined
+    )
     assert rank_and_hidden(lay_out(readings), chain, angles=True) == (rank, 32)
 
 
@@ -133,7 +144,9 @@ def test_a_second_beam_line_leaves_eight_combinations(chain):
     """Theory 5.2: four diagonals at two lateral beam offsets (here in general directions)."""
     rng = np.random.default_rng(0)
     offsets = {f"{name}+1": tuple(rng.normal(scale=50.0, size=3)) for name in BODY_DIAGONALS}
-    layout = lay_out(perfect_readings(plan((*BODY_DIAGONALS, *offsets), offsets=offsets), 0.3))
+    layout = lay_out(
+        perfect_readings(plan((*BODY_DIAGONALS, *offsets), offsets=offsets), 0.3)
+    )
     assert rank_and_hidden(layout, chain, angles=True) == (116, 8)
 
 

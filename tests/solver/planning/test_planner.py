@@ -71,7 +71,9 @@ def test_noise_of_the_readings_reaches_the_shapes_as_measured():
     worst node."""
     cube = Volume(origin_mm=(0, 0, 0), size_mm=(1000, 1000, 1000), increments=10)
     found = forecast(bare_survey(Plan(volume=cube, runs=())), SEPARABLE)
-    assert [found.u[name] for name in ("EXX", "EYX", "EZZ")] == pytest.approx([0.32] * 3, abs=0.02)
+    assert [found.u[name] for name in ("EXX", "EYX", "EZZ")] == pytest.approx(
+        [0.32] * 3, abs=0.02
+    )
     assert found.u["X"] is None
     assert found.angles == "assumed"
 
@@ -105,7 +107,9 @@ def test_no_head_is_advised_where_there_is_none():
     advice = plan(
         BARE.with_runs(*LINEAR), Circumstances(head=False, assumed=poor), available_min=160.0
     )
-    assert not any(run.is_fourdof for one in (*advice.front, advice.best) for run in one.plan.runs)
+    assert not any(
+        run.is_fourdof for one in (*advice.front, advice.best) for run in one.plan.runs
+    )
     assert {run.setup for run in advice.with_head.plan.runs} >= {
         "fourdof-x",
         "fourdof-y",
@@ -167,7 +171,9 @@ def test_three_diagonals_and_three_runs_are_the_best_of_157_minutes():
     much."""
     best = plan(BARE, replace(IDEALLY, head=False), available_min=157.0).best
     assert sorted(run.travel.kind for run in best.plan.runs) == ["linear"] * 3 + ["step"] * 3
-    four = forecast(replace(BARE, volume=replace(BOX, increments=10)).with_runs(LINEAR[0]), IDEALLY)
+    four = forecast(
+        replace(BARE, volume=replace(BOX, increments=10)).with_runs(LINEAR[0]), IDEALLY
+    )
     assert best.left_um.value_um < 0.55 * four.left_um.value_um
 
 
@@ -182,7 +188,9 @@ def test_the_shortest_survey_down_to_a_target_that_real_surveys_reach():
 @pytest.mark.parametrize(
     ("planned_s", "reading_um", "dwell_s"), [(2.0, 4.0, 4.0), (20.0, 0.05, 2.0)]
 )
-def test_the_dwell_is_sought_and_leaves_less_than_the_planned_one(planned_s, reading_um, dwell_s):
+def test_the_dwell_is_sought_and_leaves_less_than_the_planned_one(
+    planned_s, reading_um, dwell_s
+):
     """203 minutes, on a machine that comes back exactly: standing longer is worth more than one
     shift more, standing 20 s is not."""
     about = replace(
@@ -192,7 +200,8 @@ def test_the_dwell_is_sought_and_leaves_less_than_the_planned_one(planned_s, rea
     )
     survey = replace(BARE.with_runs(*LINEAR), pace=Pace(dwell_s=planned_s))
     best, alone = (
-        plan(survey, one, available_min=203.0).best for one in (about, replace(about, dwells_s=()))
+        plan(survey, one, available_min=203.0).best
+        for one in (about, replace(about, dwells_s=()))
     )
     assert (best.plan.pace.dwell_s, alone.plan.pace.dwell_s) == (dwell_s, planned_s)
     assert best.left_um.value_um < 0.95 * alone.left_um.value_um
@@ -211,8 +220,12 @@ def eleven():
         (*DIAGONALS, *shifted, *LINEAR),
         every_way(2.0, IDEALLY)[0],
     )
-    choices = [choice for count in range(12) for choice in itertools.combinations(range(11), count)]
-    return lines, [(lines.minutes(choice, 10), lines.square_um2(choice)) for choice in choices]
+    choices = [
+        choice for count in range(12) for choice in itertools.combinations(range(11), count)
+    ]
+    return lines, [
+        (lines.minutes(choice, 10), lines.square_um2(choice)) for choice in choices
+    ]
 
 
 @pytest.mark.parametrize("limit", [130.0, 157.0, 180.0, 203.0, 243.0, 300.0])
@@ -227,8 +240,12 @@ def test_exchange_finds_the_best_of_all_choices(eleven, limit):
 
 
 @few(10)
-@given(chosen=st.sets(st.integers(0, 60), min_size=2, max_size=12), further=st.integers(0, 60))
-def test_an_exchange_is_weighed_as_the_lines_are_that_it_ends_with(everything, chosen, further):
+@given(
+    chosen=st.sets(st.integers(0, 60), min_size=2, max_size=12), further=st.integers(0, 60)
+)
+def test_an_exchange_is_weighed_as_the_lines_are_that_it_ends_with(
+    everything, chosen, further
+):
     """A line less and a line more, from what is computed once for all lines beside a choice; a run
     of a head too."""
     lost, *kept = sorted(chosen)
@@ -251,7 +268,9 @@ def test_where_setting_up_is_dear_lines_are_driven_in_three_orders_out_and_back(
     assert {(run.repeats, run.return_pass) for run in survey.runs} == {(3, True)}
     twice = replace(
         survey,
-        runs=tuple(replace(run, repeats=2, axis_orders=run.axis_orders[:2]) for run in survey.runs),
+        runs=tuple(
+            replace(run, repeats=2, axis_orders=run.axis_orders[:2]) for run in survey.runs
+        ),
     )
     about = designs.about(20.0)
     left, before = (forecast(one, about).ahead.full[0] for one in (survey, twice))
@@ -260,7 +279,9 @@ def test_where_setting_up_is_dear_lines_are_driven_in_three_orders_out_and_back(
 
 @few(4)
 @given(
-    st.lists(st.sampled_from((*BODY_DIAGONALS, *LINEAR_RUNS)), min_size=1, max_size=6, unique=True),
+    st.lists(
+        st.sampled_from((*BODY_DIAGONALS, *LINEAR_RUNS)), min_size=1, max_size=6, unique=True
+    ),
     st.booleans(),
 )
 def test_what_the_setups_tell_adds_up(names, back):
@@ -341,13 +362,18 @@ def test_a_forecast_holds_nothing_that_is_identified_to_a_usual_size():
 
 
 @pytest.mark.parametrize(
-    ("increments", "left_um"), [(3, (6.1, 9.6)), (4, (4.6, 7.5)), (6, (2.5, 3.2)), (10, (1.2, 1.7))]
+    ("increments", "left_um"),
+    [(3, (6.1, 9.6)), (4, (4.6, 7.5)), (6, (2.5, 3.2)), (10, (1.2, 1.7))],
 )
-def test_what_is_planned_to_be_left_is_what_surveys_of_few_increments_leave(increments, left_um):
+def test_what_is_planned_to_be_left_is_what_surveys_of_few_increments_leave(
+    increments, left_um
+):
     """What twelve exact machines of 10 urad left, lowest and highest. Of four increments 7.3 to 9.3
     µm were planned: sixty leave 5.7."""
     ahead = forecast(
-        bare_survey(Plan(volume=replace(BOX, increments=increments), runs=())).with_runs(*LINEAR),
+        bare_survey(Plan(volume=replace(BOX, increments=increments), runs=())).with_runs(
+            *LINEAR
+        ),
         IDEALLY,
     )
     low, high = left_um
@@ -366,10 +392,12 @@ def test_what_is_planned_to_be_left_is_what_surveys_of_few_increments_leave(incr
 )
 def test_no_run_ever_makes_a_forecast_worse(setups, more, back):
     less = Plan(
-        volume=BOX, runs=tuple(Run(setup=name, return_pass=False) for name in ("ppp", *setups))
+        volume=BOX,
+        runs=tuple(Run(setup=name, return_pass=False) for name in ("ppp", *setups)),
     )
     now, then = (
-        forecast(one, USUAL) for one in (less, less.with_runs(Run(setup=more, return_pass=back)))
+        forecast(one, USUAL)
+        for one in (less, less.with_runs(Run(setup=more, return_pass=back)))
     )
     assert then.volumetric_um <= now.volumetric_um * (1 + 1e-9)
     # the median of what is left has no such theorem: the same with fewer independent parts lies a
@@ -385,7 +413,9 @@ def test_impossible_wish_gives_no_survey():
 
 def test_fine_survey_is_forecast_on_few_increments_and_timed_on_all():
     """The noise of a node does not depend on how many others there are; the minutes do."""
-    coarse, fine = (bare_survey(Plan(volume=replace(BOX, increments=n), runs=())) for n in (20, 80))
+    coarse, fine = (
+        bare_survey(Plan(volume=replace(BOX, increments=n), runs=())) for n in (20, 80)
+    )
     first, second = forecast(coarse, USUAL), forecast(fine, USUAL)
     assert second.volumetric_um == pytest.approx(first.volumetric_um, rel=0.02)
     assert second.left_um.value_um < first.left_um.value_um
@@ -411,16 +441,24 @@ def test_a_slip_makes_of_the_volume_what_the_plan_says():
     it."""
     ahead = forecast(BARE.with_runs(*LINEAR), IDEALLY).ahead
     bench = Bench(
-        seed=4, increments=3, diagonal_noise_um=0.2, linear_noise_um=0.2, size_mm=tuple(BOX.size_mm)
+        seed=4,
+        increments=3,
+        diagonal_noise_um=0.2,
+        linear_noise_um=0.2,
+        size_mm=tuple(BOX.size_mm),
     )
     clean, at = bench.survey(), ahead.unseen
     slipped = (np.array(clean.setup) == at.setup) & (np.array(clean.stop) >= at.stop)
-    wrong = replace(clean, reading_mm=np.array(clean.reading_mm) + 0.5e-3 * at.half_um * slipped)
+    wrong = replace(
+        clean, reading_mm=np.array(clean.reading_mm) + 0.5e-3 * at.half_um * slipped
+    )
     points = np.random.default_rng(1).uniform(size=(300, 3)) * BOX.size_mm
     moved = error_field_um(solve(wrong, assumed=IDEAL), points) - error_field_um(
         solve(clean, assumed=IDEAL), points
     )
-    assert np.sqrt(np.mean(np.sum(moved**2, axis=1))) == pytest.approx(0.5 * at.volume_um, rel=0.25)
+    assert np.sqrt(np.mean(np.sum(moved**2, axis=1))) == pytest.approx(
+        0.5 * at.volume_um, rel=0.25
+    )
 
 
 @pytest.mark.parametrize("stop", [1, 5, 9])
@@ -433,7 +471,11 @@ def test_a_slip_of_twice_what_could_hide_is_named(stop):
     slipped = (np.array(clean.setup) == "npp") & (np.array(clean.stop) >= stop)
     wrong = replace(clean, reading_mm=np.array(clean.reading_mm) + 2e-3 * hides_um * slipped)
     errors = [
-        {each.code for each in solve(readings, assumed=IDEAL).findings if each.severity != "info"}
+        {
+            each.code
+            for each in solve(readings, assumed=IDEAL).findings
+            if each.severity != "info"
+        }
         for readings in (clean, wrong)
     ]
     assert errors[0] == set()

@@ -176,7 +176,9 @@ def test_shift_of_the_beam_is_cheaper_than_a_setup():
 
 
 def test_second_run_of_a_setup_gets_the_next_number():
-    grown = plan(*DIAGONALS).with_runs(Run(setup="ppp"), Run(setup="ppp"), Run(setup="linear-x"))
+    grown = plan(*DIAGONALS).with_runs(
+        Run(setup="ppp"), Run(setup="ppp"), Run(setup="linear-x")
+    )
     assert [run.setup for run in grown.runs[4:]] == ["ppp+1", "ppp+2", "linear-x"]
 
 

@@ -103,7 +103,9 @@ def test_what_is_driven_counts_as_what_is_chosen(count):
     lines, ways = offered(SEVEN, JOB), every_way(2.0, JOB)[1]
     first, last = list(range(count)), count + 3
     chosen = Exchange(SEVEN, JOB, lines, ways).square_um2([*first, last])
-    given = Exchange(SEVEN, JOB, [lines[last]], ways, [ways.of(lines[place]) for place in first])
+    given = Exchange(
+        SEVEN, JOB, [lines[last]], ways, [ways.of(lines[place]) for place in first]
+    )
     assert given.square_um2([0]) == pytest.approx(chosen, rel=1e-6)
     mean, spread = given.lowered_um2([0])
     assert mean == pytest.approx(given.square_um2([]) - chosen, rel=1e-6)

@@ -69,9 +69,9 @@ def expected_um(dataset, standard):
 def assert_figures(figures, expected):
     assert expected
     for name, value in expected.items():
-        assert getattr(figures, REPORT_NAMES.get(name, name)) == pytest.approx(value, abs=6e-5), (
-            name
-        )
+        assert getattr(figures, REPORT_NAMES.get(name, name)) == pytest.approx(
+            value, abs=6e-5
+        ), name
 
 
 @pytest.mark.parametrize("dataset", ["ecmc_11358_axis1", "ecmc_20211110"])

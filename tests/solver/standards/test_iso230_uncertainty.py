@@ -8,14 +8,31 @@ from stepdiag.solver.standards.iso230_uncertainty import RunSources, expanded_um
 
 SOURCES = RunSources(relative=2e-6, reading_um=0.3, environment_um=0.4)
 """One reading is known to hypot(0.3, 0.4) = 0.5 µm; a metre to 2 um."""
-FIGURES = ("E", "E_up", "E_down", "M", "B", "B_mean", "R_up", "R_down", "R", "A_up", "A_down", "A")
+FIGURES = (
+    "E",
+    "E_up",
+    "E_down",
+    "M",
+    "B",
+    "B_mean",
+    "R_up",
+    "R_down",
+    "R",
+    "A_up",
+    "A_down",
+    "A",
+)
 
 
 def test_every_figure_by_hand():
     """Four runs: the mean of a position is known to 0.25 µm, a scatter of four to one part in
     sqrt(6); B is the largest of five."""
     told = expanded_um(
-        {**dict.fromkeys(FIGURES, 1.0), "R_up": 2.4, "R_down": 3.2}, 1000.0, (4, 4), 5, SOURCES
+        {**dict.fromkeys(FIGURES, 1.0), "R_up": 2.4, "R_down": 3.2},
+        1000.0,
+        (4, 4),
+        5,
+        SOURCES,
     )
     of_range = (2.0**2 + 2 * 0.25**2) ** 0.5
     reversal = 2**0.5 * 0.25
@@ -80,7 +97,8 @@ def test_u_holds_the_truth_of_every_figure(targets, runs):
     inside = dict.fromkeys(truth, 0)
     for _ in range(400):
         up, down = (
-            at[:, None] + half + rng.normal(0.0, noise, (targets, runs)) for half in (1.5, -1.5)
+            at[:, None] + half + rng.normal(0.0, noise, (targets, runs))
+            for half in (1.5, -1.5)
         )
         found = positioning_figures(
             PositioningRuns(target_mm=100.0 * at, up_um=up, down_um=down)
@@ -88,7 +106,9 @@ def test_u_holds_the_truth_of_every_figure(targets, runs):
         u = expanded_um(found, 400.0, (runs, runs), targets, sources)
         for name, true in truth.items():
             inside[name] += abs(found[name] - true) <= u[name]
-    assert min(inside[name] for name in ("E_up", "E", "M", "B", "B_mean")) >= 0.93 * 400, inside
+    assert min(inside[name] for name in ("E_up", "E", "M", "B", "B_mean")) >= 0.93 * 400, (
+        inside
+    )
     # R and A are what their runs scattered by: the largest of many targets says more than the
     # machine's own
     assert min(inside.values()) >= 0.9 * 400, inside

@@ -9,7 +9,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from stepdiag.base.errors import DataError
-from stepdiag.solver.standards.straightness import reference_line, residuals_um, straightness_um
+from stepdiag.solver.standards.straightness import (
+    reference_line,
+    residuals_um,
+    straightness_um,
+)
 
 DATA = Path(__file__).parents[2] / "data"
 METHODS = ("end-point", "least-squares", "minimum-zone")
@@ -23,7 +27,9 @@ profiles = arrays(np.float64, st.integers(3, 25), elements=st.floats(-50, 50, wi
 def test_vector_of_the_reference(method, expected_um):
     """data/straightness_test_vector.csv (synthetic; figures in its first line)."""
     position, deviation = np.loadtxt(DATA / "straightness_test_vector.csv", delimiter=",").T
-    assert straightness_um(position, deviation, method) == pytest.approx(expected_um, abs=5e-7)
+    assert straightness_um(position, deviation, method) == pytest.approx(
+        expected_um, abs=5e-7
+    )
 
 
 def test_triangle_by_hand():
@@ -33,9 +39,9 @@ def test_triangle_by_hand():
     assert [
         reference_line(position, deviation, method).offset_um for method in METHODS
     ] == pytest.approx([0.0, 1.0, 1.5])
-    assert [straightness_um(position, deviation, method) for method in METHODS] == pytest.approx(
-        [3.0, 3.0, 3.0]
-    )
+    assert [
+        straightness_um(position, deviation, method) for method in METHODS
+    ] == pytest.approx([3.0, 3.0, 3.0])
 
 
 @pytest.mark.parametrize("start_mm", [0.0, -700.0, 300.0])
@@ -88,7 +94,9 @@ def test_order_of_the_stops_does_not_matter(deviation, random):
     random.shuffle(order)
     for method in METHODS:
         shuffled = straightness_um(position[order], deviation[order], method)
-        assert shuffled == pytest.approx(straightness_um(position, deviation, method), abs=1e-9)
+        assert shuffled == pytest.approx(
+            straightness_um(position, deviation, method), abs=1e-9
+        )
 
 
 def test_repeated_stops_are_welcome():

@@ -24,7 +24,9 @@ from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench
     ids=["diagonals", "linear", "one", "more"],
 )
 @pytest.mark.parametrize(("factor", "more"), [(1.0, 0.1), (10.0, 0.005)])
-def test_what_is_known_and_what_is_not_make_the_covariance_with_what_is_usual(setups, factor, more):
+def test_what_is_known_and_what_is_not_make_the_covariance_with_what_is_usual(
+    setups, factor, more
+):
     """Of a fit in which rows of what is usual stand beside the readings comes the same, the closer
     the larger the usual is.
 
@@ -33,9 +35,9 @@ def test_what_is_known_and_what_is_not_make_the_covariance_with_what_is_usual(se
     """
     done = estimate(
         lay_out(
-            Bench(angle_urad=2.0, increments=2, diagonal_noise_um=0.1, linear_noise_um=0.1).survey(
-                setups
-            )
+            Bench(
+                angle_urad=2.0, increments=2, diagonal_noise_um=0.1, linear_noise_um=0.1
+            ).survey(setups)
         ),
         "FXYZ",
         assumed=IDEAL,

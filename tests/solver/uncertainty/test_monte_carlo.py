@@ -45,7 +45,8 @@ def test_a_result_says_how_drawn_surveys_scatter_beside_its_own_u():
 def test_the_same_seed_gives_the_same_intervals():
     done = estimate(lay_out(Bench(increments=3).survey()), "FXYZ")
     one, other = (
-        monte_carlo(done.spread, done.quantities.combination, trials=500, seed=3) for _ in range(2)
+        monte_carlo(done.spread, done.quantities.combination, trials=500, seed=3)
+        for _ in range(2)
     )
     assert np.array_equal(one.low, other.low)
     assert np.array_equal(one.high, other.high)

@@ -56,7 +56,9 @@ def stepped(bench: Bench, um: float) -> Readings:
     plain = bench.survey()
     signs = np.array(
         [
-            [0.0] * 3 if name.startswith("linear") else [1.0 - 2.0 * (at == "n") for at in name]
+            [0.0] * 3
+            if name.startswith("linear")
+            else [1.0 - 2.0 * (at == "n") for at in name]
             for name in plain.setup
         ]
     )

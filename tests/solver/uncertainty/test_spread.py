@@ -58,9 +58,13 @@ def test_redundancy_is_the_share_of_a_reading_that_shows(done):
     weighted = np.linalg.solve(covariance, rows)
     left = (
         np.linalg.inv(covariance)
-        - weighted @ np.linalg.pinv(rows.T @ weighted, rcond=1e-12, hermitian=True) @ weighted.T
+        - weighted
+        @ np.linalg.pinv(rows.T @ weighted, rcond=1e-12, hermitian=True)
+        @ weighted.T
     )
-    assert (np.diag(left) / fit.weight)[:count] == pytest.approx(fit.redundancy[:count], abs=1e-5)
+    assert (np.diag(left) / fit.weight)[:count] == pytest.approx(
+        fit.redundancy[:count], abs=1e-5
+    )
     # and a further unknown of one reading is as large as its residual and redundancy say
     told = response_of(fit, np.array([20]), np.ones((1, 1)))
     assert told.shown[0] / told.seen[0, 0] == pytest.approx(
@@ -102,7 +106,8 @@ def test_a_source_never_shrinks_u_and_a_run_never_grows_it(larger, runs):
         usual, **{name: factor * getattr(usual, name) for name, factor in larger.items()}
     )
     few, many = (
-        lay_out(Bench(increments=3).survey((*DIAGONALS, *LINEAR[:count]))) for count in (runs, 3)
+        lay_out(Bench(increments=3).survey((*DIAGONALS, *LINEAR[:count])))
+        for count in (runs, 3)
     )
     base, source, run = (
         Foresight(layout=layout, chain="FXYZ", assumed=one, increments=3)
@@ -122,7 +127,9 @@ def test_of_a_survey_that_was_driven_no_larger_size_shrinks_u(done, larger):
     """The same of the fit itself, around the sizes that were found: only finding the others anew
     can make a u smaller."""
     spread = done.spread
-    known = replace(spread, sizes=replace(spread.sizes, sought=np.zeros_like(spread.sizes.sought)))
+    known = replace(
+        spread, sizes=replace(spread.sizes, sought=np.zeros_like(spread.sizes.sought))
+    )
     factor = np.resize(larger, len(spread.names))[spread.group]
     wider = replace(known, fit=sized(spread.fit, factor))
     moved = spread.moved(done.quantities.combination)
@@ -134,7 +141,8 @@ def test_a_run_more_never_makes_u_larger_by_much():
     was known."""
     bench = Bench(increments=4, angle_urad=10.0)
     less, more = (
-        solve(bench.survey(setups)) for setups in ((*DIAGONALS, *LINEAR[:2]), (*DIAGONALS, *LINEAR))
+        solve(bench.survey(setups))
+        for setups in ((*DIAGONALS, *LINEAR[:2]), (*DIAGONALS, *LINEAR))
     )
     assert more.volumetric_u_um < 1.1 * less.volumetric_u_um
 
@@ -172,7 +180,9 @@ def test_short_waves_that_are_not_there_do_not_make_the_long_ones_small():
         ).adjustment
         sizes = dict(
             zip(
-                (effect.name for effect in adjustment.effects), adjustment.sizes.factor, strict=True
+                (effect.name for effect in adjustment.effects),
+                adjustment.sizes.factor,
+                strict=True,
             )
         )
         found.append((sizes[ANGLES], sizes[SHORT_ANGLES]))
@@ -190,7 +200,9 @@ def test_a_family_is_the_fit_at_any_size(done, factor):
     other = sized(fit, np.where(done.spread.group == place, factor, 1.0))
     variance = family.variance(np.array([factor]))[0]
     covariance = (
-        fit.amount_covariance - family.alone() + (family.direction * variance) @ family.direction.T
+        fit.amount_covariance
+        - family.alone()
+        + (family.direction * variance) @ family.direction.T
     )
     assert covariance == pytest.approx(other.amount_covariance, abs=1e-8)
     moved = family.direction @ ((variance - family.variance(np.ones(1))[0]) * family.shown)
@@ -207,12 +219,16 @@ def test_five_ppm_on_one_diagonal_are_named_or_within_u():
         )
         readings, drawn = bench.survey(), np.random.default_rng(seed)
         setup = drawn.choice(DIAGONALS)
-        longer = np.where(np.array(readings.setup) == setup, 1.0 + drawn.choice([-5e-6, 5e-6]), 1.0)
+        longer = np.where(
+            np.array(readings.setup) == setup, 1.0 + drawn.choice([-5e-6, 5e-6]), 1.0
+        )
         result = solve(
             replace(readings, reading_mm=readings.reading_mm * longer), chain=bench.chain
         )
         if not any(
-            setup in finding.text for finding in result.findings if finding.severity == "error"
+            setup in finding.text
+            for finding in result.findings
+            if finding.severity == "error"
         ):
             truth, numbers = bench.truth.squareness_urad, result.squareness
             within += [

@@ -109,7 +109,10 @@ def test_certificate_of_a_result_is_computed_again(tmp_path):
     (tmp_path / "laboratory.toml").write_text(
         "[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n", encoding="utf-8"
     )
-    assert stepdiag("solve", tmp_path / "readings.csv", "--out", tmp_path / "result.json").code == 0
+    assert (
+        stepdiag("solve", tmp_path / "readings.csv", "--out", tmp_path / "result.json").code
+        == 0
+    )
     stated = {"laboratory": tmp_path / "laboratory.toml"}
     assert api.certificate(tmp_path / "result.json", tmp_path / "c.xml", **stated) == 3
     told = stepdiag(
@@ -120,9 +123,14 @@ def test_certificate_of_a_result_is_computed_again(tmp_path):
         "--out",
         tmp_path / "d.xml",
     )
-    assert (told.code, (tmp_path / "c.xml").read_bytes()) == (0, (tmp_path / "d.xml").read_bytes())
+    assert (told.code, (tmp_path / "c.xml").read_bytes()) == (
+        0,
+        (tmp_path / "d.xml").read_bytes(),
+    )
     assert api.verify_certificate(tmp_path / "c.xml", tmp_path).broken is None
     (tmp_path / "laboratory.toml").write_text(
         "[certificate]\nbegun = 2026-05-29\nended = 2026-05-31\n", encoding="utf-8"
     )
-    assert api.verify_certificate(tmp_path / "c.xml", tmp_path).broken.key == "custody-changed"
+    assert (
+        api.verify_certificate(tmp_path / "c.xml", tmp_path).broken.key == "custody-changed"
+    )

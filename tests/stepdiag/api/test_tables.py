@@ -94,10 +94,14 @@ def test_a_result_without_closure_has_no_plot_of_it(result):
 def test_the_error_at_a_point_counts_from_the_low_corner(result):
     low_um, low_expanded_um = result.at(*result.volume.origin_mm)
     assert low_um == pytest.approx(0.0, abs=1e-9)
-    far_um, far_expanded_um = result.at(*np.add(result.volume.origin_mm, result.volume.size_mm))
+    far_um, far_expanded_um = result.at(
+        *np.add(result.volume.origin_mm, result.volume.size_mm)
+    )
     assert (far_expanded_um > low_expanded_um).all()
     assert far_um == pytest.approx(
-        error_field_um(result, np.add(result.volume.origin_mm, result.volume.size_mm)[None])[0]
+        error_field_um(result, np.add(result.volume.origin_mm, result.volume.size_mm)[None])[
+            0
+        ]
     )
 
 
@@ -129,7 +133,8 @@ def test_a_result_shows_its_numbers_in_a_notebook(result):
     shown = result._repr_html_()
     for name, quantity in result.squareness.items():
         assert (
-            f"<td>{name}</td><td>{quantity.value:.2f}</td><td>± {2 * quantity.u:.2f}</td>" in shown
+            f"<td>{name}</td><td>{quantity.value:.2f}</td><td>± {2 * quantity.u:.2f}</td>"
+            in shown
         )
 
 

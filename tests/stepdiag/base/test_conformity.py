@@ -170,7 +170,9 @@ def test_range_at_its_limit_is_accepted_at_the_stated_risk_at_most(shape, reject
 
 def test_what_is_not_identified_is_not_decidable():
     result = made_result({"EYX": None}, squareness={"C0Y": None})
-    judged = {one.quantity: one for one in with_tolerance(result, TOLERANCE).conformity.as_found}
+    judged = {
+        one.quantity: one for one in with_tolerance(result, TOLERANCE).conformity.as_found
+    }
     for name in ("EYX", "C0Y", "E linear", "volumetric_rms"):
         assert (judged[name].verdict, judged[name].value, judged[name].probability) == (
             "not_decidable",
@@ -238,7 +240,8 @@ def test_what_is_predicted_is_what_stays_unknown_after_an_ideal_compensation():
     E and A are in no table."""
     modes = {"EYX": 0.5 * np.eye(5)}
     result = replace(
-        made_result({"EYX": np.array([0.0, 40.0, 0.0, -40.0, 0.0])}), posterior=posterior_of(modes)
+        made_result({"EYX": np.array([0.0, 40.0, 0.0, -40.0, 0.0])}),
+        posterior=posterior_of(modes),
     )
     judged = with_tolerance(
         result, {"squareness_urad": 20.0, "EYX": 10.0, "EBX": 10.0, "positioning_e_um": 10.0}
@@ -249,7 +252,8 @@ def test_what_is_predicted_is_what_stays_unknown_after_an_ideal_compensation():
     assert predicted_of["EYX"].verdict == "conform"
     noise = replace(made_result(), posterior=posterior_of(modes))
     assert (
-        predicted_of["EYX"].high == with_tolerance(noise, {"EYX": 10.0}).conformity.as_found[0].high
+        predicted_of["EYX"].high
+        == with_tolerance(noise, {"EYX": 10.0}).conformity.as_found[0].high
     )
     for name, number in result.squareness.items():
         assert (predicted_of[name].low, predicted_of[name].high) == (

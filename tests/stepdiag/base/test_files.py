@@ -19,7 +19,9 @@ def test_a_write_that_fails_leaves_the_old_file(
     monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError("disk full")))
     with pytest.raises(OSError, match="disk full"):
         write_atomically(path, b"new")
-    assert [(one.name, one.read_bytes()) for one in tmp_path.iterdir()] == [("report.html", b"old")]
+    assert [(one.name, one.read_bytes()) for one in tmp_path.iterdir()] == [
+        ("report.html", b"old")
+    ]
 
 
 def test_the_same_bytes_may_be_written_again_and_no_others(tmp_path: Path) -> None:
@@ -48,7 +50,8 @@ def test_a_new_file_is_never_an_old_one(tmp_path: Path) -> None:
         write_new(tmp_path / "new.toml", "b\n")
     assert (tmp_path / "new.toml").read_bytes() == b"a\n"
     with pytest.raises(
-        UsageError, match="expected a file that can be written, found No such file or directory"
+        UsageError,
+        match="expected a file that can be written, found No such file or directory",
     ):
         write_new(tmp_path / "none" / "new.toml", "b\n")
 
@@ -67,18 +70,23 @@ def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
 
 def test_a_file_that_cannot_be_read_is_the_users_to_name(tmp_path: Path) -> None:
     with pytest.raises(
-        UsageError, match=r"none\.csv: expected a readable file, found No such file or directory"
+        UsageError,
+        match=r"none\.csv: expected a readable file, found No such file or directory",
     ):
         read_bytes(tmp_path / "none.csv")
 
 
 def test_bytes_that_are_no_utf_8_are_told_by_their_place() -> None:
     assert as_text("ä".encode(), "a.csv") == "ä"
-    with pytest.raises(DataError, match=r"a\.csv: expected text in UTF-8, found byte 2 is not"):
+    with pytest.raises(
+        DataError, match=r"a\.csv: expected text in UTF-8, found byte 2 is not"
+    ):
         as_text(b"ab\xff", "a.csv")
 
 
-def test_what_is_synced_is_the_whole_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_synced_is_the_whole_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A sync of a file whose bytes still wait in the process would promise what a power cut takes
     away."""
     synced: list[int] = []

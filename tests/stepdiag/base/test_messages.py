@@ -92,7 +92,19 @@ def of_named_and_typed_arguments(key: str) -> None:
 
 def of_numbers_with_units(key: str) -> None:
     """A unit stands in the name of a number and nowhere else."""
-    units = ("_um", "_mm", "_mrad", "_urad", "_s", "_hz", "_percent", "_um_m", "_c", "_ppm", "_hpa")
+    units = (
+        "_um",
+        "_mm",
+        "_mrad",
+        "_urad",
+        "_s",
+        "_hz",
+        "_percent",
+        "_um_m",
+        "_c",
+        "_ppm",
+        "_hpa",
+    )
     assert [
         name
         for name, kind in slots(key).items()
@@ -138,13 +150,15 @@ def test_every_entry_is_one_line_with_every_language_and_the_same_slots_in_each(
     for floor in FLOORS:
         whole = tomllib.loads(folder.joinpath(f"{floor}.toml").read_text(encoding="utf-8"))
         assert whole == {
-            table: {key: tomllib.loads(f"it = {words}")["it"] for key, words in entries.items()}
+            table: {
+                key: tomllib.loads(f"it = {words}")["it"] for key, words in entries.items()
+            }
             for table, entries in tables(floor).items()
         }
         every += [key for entries in whole.values() for key in entries]
-        assert {frozenset(words) for entries in whole.values() for words in entries.values()} == {
-            frozenset(LANGUAGES)
-        }
+        assert {
+            frozenset(words) for entries in whole.values() for words in entries.values()
+        } == {frozenset(LANGUAGES)}
     assert sorted(every) == KEYS
     for key, patterns in sentences().items():
         slots_of = [
@@ -197,7 +211,9 @@ def test_a_refusal_carries_its_message() -> None:
     """Its English is the text of the exception; its parts are at hand."""
     error = DataError("log.mcap", expected=message("way-out"), found="x" * 3000, remedy="y")
     assert str(error).startswith("log.mcap: expected out, found xxx")
-    assert rendered(error.message, "de").startswith("log.mcap: erwartet war hin, gefunden xxx")
+    assert rendered(error.message, "de").startswith(
+        "log.mcap: erwartet war hin, gefunden xxx"
+    )
     assert len(str(error)) < LONGEST_PART + 100
     assert error.expected == message("way-out")
 
@@ -206,7 +222,9 @@ def test_a_finding_is_made_of_its_message() -> None:
     """Code, English text and place come from the message; the page shows all stops of a cause at
     once."""
     said = message("method-limited.runs", others=["body-ppp", "ppp+1"])
-    made = finding("warning", said, Place(setup="ppp", way="out", stop=3, last=30), size_um=1.5)
+    made = finding(
+        "warning", said, Place(setup="ppp", way="out", stop=3, last=30), size_um=1.5
+    )
     sentence = "this method uses the four body diagonals only, not body-ppp, ppp+1"
     assert (made.code, made.text, made.stop) == (
         "method-limited",
@@ -222,7 +240,9 @@ def test_a_finding_is_made_of_its_message() -> None:
         f"diagonal X-Y-Z- to X+Y+Z+ (ppp) out, stops 4–5: {sentence}"
     )
     old = Finding(
-        code="count-slip", severity="warning", text="ppp out, stop 5 of 30: the count was lost"
+        code="count-slip",
+        severity="warning",
+        text="ppp out, stop 5 of 30: the count was lost",
     )
     assert in_words(old, "de") == old.text
     assert (old.action, made.action) == ("repeat", "choose")

@@ -29,7 +29,9 @@ def shown(found: Finding, status: FindingStatus) -> str:
 """
 
 
-def test_a_text_that_decides_or_is_shown_is_refused_by_the_type_checker(tmp_path: Path) -> None:
+def test_a_text_that_decides_or_is_shown_is_refused_by_the_type_checker(
+    tmp_path: Path,
+) -> None:
     """The text of a finding is for logs, results and programs outside; code, key, arguments and
     `in_words` are for everything else."""
     assert refused_lines(tmp_path, READS) == [6, 7]

@@ -6,7 +6,13 @@ from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.names import SETUP_NUMBERS
-from stepdiag.base.setups import DRIVEN_SETUPS, SETUP_NAMES, setup_code, setup_of, setups_meant
+from stepdiag.base.setups import (
+    DRIVEN_SETUPS,
+    SETUP_NAMES,
+    setup_code,
+    setup_of,
+    setups_meant,
+)
 
 
 def test_the_numbers_of_the_register_are_those_of_the_contract():
@@ -89,10 +95,20 @@ def test_a_setup_is_read_back_from_its_name(base, shift):
         setup.kind == "step",
         base.startswith("fourdof"),
     )
-    assert sum(map(bool, setup.signs)) == (1 if setup.axis else 2 if setup.kind == "face" else 3)
+    assert sum(map(bool, setup.signs)) == (
+        1 if setup.axis else 2 if setup.kind == "face" else 3
+    )
 
 
-PLANNED = ("face-xy-pp", "ppp", "ppp+1", "linear-x", "linear-x+1", "fourdof-y", "face-xy-pp+1")
+PLANNED = (
+    "face-xy-pp",
+    "ppp",
+    "ppp+1",
+    "linear-x",
+    "linear-x+1",
+    "fourdof-y",
+    "face-xy-pp+1",
+)
 
 
 def test_a_setup_without_a_number_of_its_own_has_that_of_its_place():
@@ -114,7 +130,9 @@ def test_a_number_means_the_setup_that_shows_it(bases, random):
         meant = setups_meant(setup_code(name, planned), planned)
         assert name in meant
         # where it means several, they are beams on one diagonal
-        assert len(meant) == 1 or {setup_of(one).base for one in meant} == {setup_of(name).base}
+        assert len(meant) == 1 or {setup_of(one).base for one in meant} == {
+            setup_of(name).base
+        }
         assert len(meant) == 1 or setup_of(name).is_diagonal
     assert all(
         setups_meant(101 + place, planned) == [name] for place, name in enumerate(planned)

@@ -37,7 +37,9 @@ def test_a_text_of_short_names_is_read(text):
 
 
 @given(quiet, begun, st.lists(part, min_size=1, max_size=_DEEPEST + 9), joint, quiet)
-def test_a_name_of_too_many_parts_is_refused_with_its_line(before, begun, parts, joint, after):
+def test_a_name_of_too_many_parts_is_refused_with_its_line(
+    before, begun, parts, joint, after
+):
     """In every place where a name may stand, and however its parts are written."""
     name = joint.join(parts)
     text = "\n".join([before, "[t]", begun.format(name), after])

@@ -132,7 +132,8 @@ def quantities(found, state="as_found"):
     the schema alone."""
     read = {}
     for result in found.iterfind(
-        f".//dcc:measurementResult[@refType='machineTool_{state}']/dcc:results/dcc:result", NAMES
+        f".//dcc:measurementResult[@refType='machineTool_{state}']/dcc:results/dcc:result",
+        NAMES,
     ):
         for quantity in result.iterfind(".//dcc:quantity", NAMES):
             name = quantity.findtext("dcc:name/dcc:content", namespaces=NAMES)
@@ -187,18 +188,26 @@ def test_every_value_reads_back_in_si(result, tmp_path):
                 count += agrees(prefix + name, function.value, function.u, function.unit)
     for name in [name for name in found if name.startswith("squareness ")]:
         together = [result().squareness[each] for each in name.split()[1:]]
-        count += agrees(name, [one.value for one in together], [one.u for one in together], "urad")
+        count += agrees(
+            name, [one.value for one in together], [one.u for one in together], "urad"
+        )
     for name, number in result().squareness.items():
-        count += 0 if number.value is None else agrees(name, [number.value], [number.u], "urad")
+        count += (
+            0 if number.value is None else agrees(name, [number.value], [number.u], "urad")
+        )
     for axis, scale in result().scale.items():
         count += (
-            0 if scale.value is None else agrees(f"scale {axis}", [scale.value], [scale.u], "um/m")
+            0
+            if scale.value is None
+            else agrees(f"scale {axis}", [scale.value], [scale.u], "um/m")
         )
     for run, figures in (result().standards or {}).items():
         for symbol in [name for name in found if name.startswith(f"{run} ")]:
             value = getattr(figures[0], symbol.removeprefix(f"{run} "))
             expanded = (figures[0].U or {}).get(symbol.removeprefix(f"{run} "))
-            count += agrees(symbol, [value], None if expanded is None else [expanded / 2.0], "um")
+            count += agrees(
+                symbol, [value], None if expanded is None else [expanded / 2.0], "um"
+            )
     if result().predicted is not None:
         before = result().predicted.without_rigid_motion["before"]
         for name, interval in (
@@ -220,7 +229,8 @@ def test_covariance_is_that_of_machines_drawn_from_the_posterior(tmp_path):
     2,000 drawn machines."""
     found, result, read = tree(judged(), tmp_path), judged(), {}
     for one in found.iterfind(
-        ".//dcc:measurementResult[@refType='machineTool_as_found']/dcc:results/dcc:result", NAMES
+        ".//dcc:measurementResult[@refType='machineTool_as_found']/dcc:results/dcc:result",
+        NAMES,
     ):
         columns = one.findall(".//si:columnXMLList/si:covarianceXMLList", NAMES)
         if columns:
@@ -228,12 +238,16 @@ def test_covariance_is_that_of_machines_drawn_from_the_posterior(tmp_path):
                 [
                     [
                         float(each)
-                        for each in column.findtext("si:valueXMLList", namespaces=NAMES).split()
+                        for each in column.findtext(
+                            "si:valueXMLList", namespaces=NAMES
+                        ).split()
                     ]
                     for column in columns
                 ]
             )
-            (unit,) = {column.findtext("si:unitXMLList", namespaces=NAMES) for column in columns}
+            (unit,) = {
+                column.findtext("si:unitXMLList", namespaces=NAMES) for column in columns
+            }
             read[one.findtext("dcc:name/dcc:content", namespaces=NAMES)] = (matrix, unit)
     assert set(read) == {"squareness C0Y B0Z A0Z", *DISPLACEMENTS}
     drawn = {
@@ -257,7 +271,9 @@ def test_covariance_is_that_of_machines_drawn_from_the_posterior(tmp_path):
         moving = u > 1e-6
         own = (matrix / np.outer(u, u).clip(1e-12) * 1e12)[np.ix_(moving, moving)]
         assert (
-            np.abs(own - np.corrcoef(np.hstack([drawn[each] for each in names])[:, moving].T)).max()
+            np.abs(
+                own - np.corrcoef(np.hstack([drawn[each] for each in names])[:, moving].T)
+            ).max()
             < 0.15
         )
 
@@ -288,7 +304,9 @@ def test_missing_statements_are_named(tmp_path):
         one.text for one in found.iterfind(".//dcc:item//dcc:identification/dcc:value", NAMES)
     } == {"not stated"}
     assert (
-        found.findtext(".//dcc:measuringEquipment/dcc:certificate/dcc:value", namespaces=NAMES)
+        found.findtext(
+            ".//dcc:measuringEquipment/dcc:certificate/dcc:value", namespaces=NAMES
+        )
         == "not stated"
     )
 
@@ -300,7 +318,9 @@ def test_statements_of_persons_and_hashes_stand_in_it(tmp_path):
         for data in (b"certificate of the laser", b"the report before")
     )
     assert (
-        found.findtext(".//dcc:measuringEquipment/dcc:certificate/dcc:value", namespaces=NAMES)
+        found.findtext(
+            ".//dcc:measuringEquipment/dcc:certificate/dcc:value", namespaces=NAMES
+        )
         == laser
     )
     assert found.findtext(".//dcc:previousReport/dcc:value", namespaces=NAMES) == before
@@ -366,7 +386,13 @@ def test_wrong_laboratory_file_is_refused(text, tmp_path):
 
 @pytest.mark.parametrize(
     ("value", "power", "text"),
-    [(0.0, -6, "0"), (-0.0, -6, "0"), (12.5, -6, "0.0000125"), (-0.3, -6, "-3E-7"), (2.0, 0, "2")],
+    [
+        (0.0, -6, "0"),
+        (-0.0, -6, "0"),
+        (12.5, -6, "0.0000125"),
+        (-0.3, -6, "-3E-7"),
+        (2.0, 0, "2"),
+    ],
 )
 def test_numbers_are_exact_and_in_the_form_of_the_schema(value, power, text):
     assert written(value, power) == text
@@ -375,4 +401,6 @@ def test_numbers_are_exact_and_in_the_form_of_the_schema(value, power, text):
 
 def test_same_result_gives_the_same_bytes(tmp_path):
     one = document(certificate_of(judged(), stated(tmp_path, WHOLE), CUSTODY))
-    assert one == document(certificate_of(replace(judged()), stated(tmp_path, WHOLE), CUSTODY))
+    assert one == document(
+        certificate_of(replace(judged()), stated(tmp_path, WHOLE), CUSTODY)
+    )

@@ -33,7 +33,9 @@ from testkit.examples import spread
 from testkit.fleets import finished_survey
 from testkit.forgeries import rehashed, signing_key, solve_once
 
-LABORATORY = '[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n[laboratory]\nname = "Lab"\n'
+LABORATORY = (
+    '[certificate]\nbegun = 2026-05-30\nended = 2026-05-31\n[laboratory]\nname = "Lab"\n'
+)
 TOLERANCE = (
     "[tolerance]\nvolumetric_rms_um = 20.0\nsquareness_urad = "
     "30.0\n[tolerance.functions_um]\nEYX = 20.0\n"
@@ -95,7 +97,9 @@ def verdict(folder: Path) -> str:
 def test_what_is_true_holds(folder: Path) -> None:
     told = stepdiag("verify", folder / "c.xml")
     assert (told.code, "holds: 5 links" in told.out) == (0, True)
-    roles = [role for role, _, _ in custody_of(parsed((folder / "c.xml").read_bytes(), "c.xml"))]
+    roles = [
+        role for role, _, _ in custody_of(parsed((folder / "c.xml").read_bytes(), "c.xml"))
+    ]
     assert roles == ["result", "readings", "tolerance", "laboratory", "file"]
 
 
@@ -118,7 +122,9 @@ def _result_prettier(folder: Path) -> None:
     before, document = path.read_bytes(), json.loads(path.read_text(encoding="utf-8"))
     was = document["squareness"]["C0Y"]["value"]
     path.write_text(
-        path.read_text(encoding="utf-8").replace(f'"value": {was}', f'"value": {was / 2:.6f}'),
+        path.read_text(encoding="utf-8").replace(
+            f'"value": {was}', f'"value": {was / 2:.6f}'
+        ),
         encoding="utf-8",
         newline="",
     )
@@ -139,7 +145,10 @@ def _readings_prettier(folder: Path) -> None:
 
 
 def _tolerance_wider(folder: Path) -> None:
-    before, result = (folder / "tolerance.toml").read_bytes(), (folder / "result.json").read_bytes()
+    before, result = (
+        (folder / "tolerance.toml").read_bytes(),
+        (folder / "result.json").read_bytes(),
+    )
     altered(folder / "tolerance.toml", "30.0", "90.0")
     rehashed(folder, before, "tolerance.toml")
     rehashed(folder, result, "result.json")
@@ -157,7 +166,9 @@ def _another_machine(folder: Path) -> None:
     path = folder / "result.json"
     before, found = path.read_bytes(), parse_result(path.read_text(encoding="utf-8"))
     path.write_text(
-        replace(found, survey=Facts(machine_serial="4711")).to_json(), encoding="utf-8", newline=""
+        replace(found, survey=Facts(machine_serial="4711")).to_json(),
+        encoding="utf-8",
+        newline="",
     )
     rehashed(folder, before, "result.json")
     altered(folder / "c.xml", "<dcc:value>not stated<", "<dcc:value>4711<")
@@ -167,7 +178,9 @@ def _source_left_out(folder: Path) -> None:
     root = etree.fromstring((folder / "c.xml").read_bytes())
     (note,) = root.findall(".//{https://ptb.de/dcc}quantity[@refType='stepdiag_readings']")
     note.getparent().remove(note)
-    (folder / "c.xml").write_bytes(etree.tostring(root, encoding="utf-8", xml_declaration=True))
+    (folder / "c.xml").write_bytes(
+        etree.tostring(root, encoding="utf-8", xml_declaration=True)
+    )
 
 
 def _figure_from_another_certificate(folder: Path) -> None:
@@ -177,7 +190,9 @@ def _figure_from_another_certificate(folder: Path) -> None:
         each.findall(".//{https://ptb.de/si}valueXMLList")[-1] for each in (first, second)
     )
     one.text, other.text = other.text, one.text
-    (folder / "c.xml").write_bytes(etree.tostring(root, encoding="utf-8", xml_declaration=True))
+    (folder / "c.xml").write_bytes(
+        etree.tostring(root, encoding="utf-8", xml_declaration=True)
+    )
 
 
 FORGERIES: dict[str, tuple[Callable[[Path], object], str]] = {
@@ -202,7 +217,10 @@ FORGERIES: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda f: altered(f / "laboratory.toml", "Lab", "Bal"),
         "custody-changed",
     ),
-    "a file for the control": (lambda f: altered(f / "table.ini", "(1)", "(2)"), "custody-changed"),
+    "a file for the control": (
+        lambda f: altered(f / "table.ini", "(1)", "(2)"),
+        "custody-changed",
+    ),
     "the result alone": (
         lambda f: altered(f / "result.json", '"value": ', '"value":  '),
         "custody-changed",
@@ -223,7 +241,9 @@ FORGERIES: dict[str, tuple[Callable[[Path], object], str]] = {
         "custody-differs",
     ),
     "a name of the result": (
-        lambda f: altered(f / "c.xml", "<dcc:content>result.json<", "<dcc:content>pesult.json<"),
+        lambda f: altered(
+            f / "c.xml", "<dcc:content>result.json<", "<dcc:content>pesult.json<"
+        ),
         "custody-renamed",
     ),
     "a name of a file": (
@@ -298,14 +318,18 @@ def test_export_report_of_another_result_is_refused(folder: Path, tmp_path: Path
         told.refusal
     )
     table.write_bytes(whole)
-    altered(report, hashlib.sha256((folder / "result.json").read_bytes()).hexdigest(), "0" * 64)
+    altered(
+        report, hashlib.sha256((folder / "result.json").read_bytes()).hexdigest(), "0" * 64
+    )
     (exports / "EXPORT_REPORT.txt").write_bytes(report.read_bytes())
     (folder / "e.xml").rename(folder / "c.xml")
     assert stepdiag(*again).code == 3
     rehashed(folder, before, "exports/EXPORT_REPORT.txt")
     assert verdict(folder) == "custody-other-result"
     report.write_bytes(before + b"loaded\n")
-    rehashed(folder, (exports / "EXPORT_REPORT.txt").read_bytes(), "exports/EXPORT_REPORT.txt")
+    rehashed(
+        folder, (exports / "EXPORT_REPORT.txt").read_bytes(), "exports/EXPORT_REPORT.txt"
+    )
     assert verdict(folder) == "custody-set"
 
 
@@ -313,7 +337,9 @@ def test_result_named_twice_is_refused(folder: Path) -> None:
     root = etree.fromstring((folder / "c.xml").read_bytes())
     (note,) = root.findall(".//{https://ptb.de/dcc}quantity[@refType='stepdiag_result']")
     note.addnext(etree.fromstring(etree.tostring(note)))
-    (folder / "c.xml").write_bytes(etree.tostring(root, encoding="utf-8", xml_declaration=True))
+    (folder / "c.xml").write_bytes(
+        etree.tostring(root, encoding="utf-8", xml_declaration=True)
+    )
     assert verdict(folder) == "custody-unnamed"
 
 
@@ -354,7 +380,14 @@ def test_every_flipped_bit_is_found(folder: Path) -> None:
     """Any bit of certificate, result, readings, tolerance, laboratory's file and table."""
     rng, names = (
         np.random.default_rng(46),
-        ("c.xml", "result.json", "readings.csv", "tolerance.toml", "laboratory.toml", "table.ini"),
+        (
+            "c.xml",
+            "result.json",
+            "readings.csv",
+            "tolerance.toml",
+            "laboratory.toml",
+            "table.ini",
+        ),
     )
     for turn in spread(range(300), 10):
         path = folder / names[turn % len(names)]
@@ -393,7 +426,9 @@ def test_result_of_unknown_origin_has_no_chain(folder: Path) -> None:
 
 
 def test_survey_after_loading_is_in_the_chain(folder: Path) -> None:
-    readings = Bench(seed=3, increments=2, errors_times=0.2).survey(passes=(1, 2), joined=True)
+    readings = Bench(seed=3, increments=2, errors_times=0.2).survey(
+        passes=(1, 2), joined=True
+    )
     (folder / "after.csv").write_text(render_readings(readings), encoding="utf-8")
     assert stepdiag("solve", folder / "after.csv", "--out", folder / "after.json").code == 0
     (folder / "c.xml").unlink()
@@ -492,11 +527,15 @@ def test_signature_hides_nothing(folder: Path) -> None:
         whole.replace(b"<dcc:digital", b'<?xml-stylesheet href="other.xsl"?><dcc:digital', 1)
     )
     assert verdict(folder) == "custody-bytes"
-    (folder / "c.xml").write_bytes(whole.decode().replace("UTF-8", "UTF-16", 1).encode("utf-16"))
+    (folder / "c.xml").write_bytes(
+        whole.decode().replace("UTF-8", "UTF-16", 1).encode("utf-16")
+    )
     assert verdict(folder) == "", "the same in another encoding"
     root = etree.fromstring(whole)
     root.find(".//{https://ptb.de/dcc}items").append(root[-1])
-    (folder / "c.xml").write_bytes(etree.tostring(root, encoding="utf-8", xml_declaration=True))
+    (folder / "c.xml").write_bytes(
+        etree.tostring(root, encoding="utf-8", xml_declaration=True)
+    )
     assert verdict(folder) == "custody-differs"
     (folder / "forger").mkdir()
     other, of_other = signing_key(folder / "forger")
@@ -533,17 +572,22 @@ def test_certificate_of_a_finished_survey_is_written_beside_it(tmp_path: Path) -
     """What a person at the page asks for: report, exports and the laboratory's file are in it; a
     second one stands beside the first."""
     folder = finished_survey(tmp_path)
-    (tmp_path / "laboratory.toml").write_text('[laboratory]\nname = "Lab"\n', encoding="utf-8")
+    (tmp_path / "laboratory.toml").write_text(
+        '[laboratory]\nname = "Lab"\n', encoding="utf-8"
+    )
     for name in ("certificate.xml", "certificate-2.xml"):
         told = stepdiag("complete", "--certificate", folder)
         assert told.code == 0, told.refusal
         found = verify_certificate(folder / name, tmp_path)
         assert (found.broken, found.links) == (None, 4)
-    assert [one.kind for one in downloads_of(folder) if one.name.startswith("certificate")] == [
-        "certificate"
-    ] * 4
+    assert [
+        one.kind for one in downloads_of(folder) if one.name.startswith("certificate")
+    ] == ["certificate"] * 4
     altered(folder / "certificate.html", "</main>", "<p>It conforms.</p></main>")
-    assert verify_certificate(folder / "certificate.xml", tmp_path).broken.key == "custody-changed"
+    assert (
+        verify_certificate(folder / "certificate.xml", tmp_path).broken.key
+        == "custody-changed"
+    )
 
 
 def _flip(data: bytes, at: int, bits: int = 1) -> bytes:
@@ -585,7 +629,9 @@ def test_words_of_persons_are_links(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", WORDS)
-def test_words_that_the_certificate_does_not_name_are_found(name: str, tmp_path: Path) -> None:
+def test_words_that_the_certificate_does_not_name_are_found(
+    name: str, tmp_path: Path
+) -> None:
     """Beside the logs they count, whenever they were written."""
     folder = finished_survey(tmp_path)
     assert stepdiag("certificate", folder, "--out", tmp_path / "c.xml").code == 0

@@ -37,7 +37,15 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("tolerance.toml", TOLERANCE),
     ):
         (folder / name).write_text(text, encoding="utf-8")
-    done(folder, "solve", "readings.csv", "--tolerance", "tolerance.toml", "--out", "result.json")
+    done(
+        folder,
+        "solve",
+        "readings.csv",
+        "--tolerance",
+        "tolerance.toml",
+        "--out",
+        "result.json",
+    )
     done(
         folder,
         "export",
@@ -100,7 +108,9 @@ def test_report_and_pages_hold_and_nothing_is_left_behind(folder: Path) -> None:
 @pytest.mark.parametrize(
     "more", [("--language", "de"), ("--readings", "readings.csv")], ids=["german", "readings"]
 )
-def test_report_in_other_words_is_of_the_same_result(folder: Path, more: tuple[str, ...]) -> None:
+def test_report_in_other_words_is_of_the_same_result(
+    folder: Path, more: tuple[str, ...]
+) -> None:
     report(folder, *more)
     done(
         folder,
@@ -159,7 +169,9 @@ def test_altered_report_is_refused_and_found(name: str, folder: Path) -> None:
     assert (told.code, "report report.html: differs from" in told.out) == (5, True), told.out
 
 
-@pytest.mark.parametrize("name", spread(["report.xhtml", "report.HTM", "report", "report.svg"], 2))
+@pytest.mark.parametrize(
+    "name", spread(["report.xhtml", "report.HTM", "report", "report.svg"], 2)
+)
 def test_forged_report_by_another_name_is_no_report(name: str, folder: Path) -> None:
     text = (folder / "report.html").read_text(encoding="utf-8")
     (folder / name).write_text(text.replace(" ± ", " ± 0", 1), encoding="utf-8")
@@ -196,7 +208,10 @@ def test_pdf_is_an_archive_by_an_independent_reader(folder: Path) -> None:
     """What ISO 19005-3 level B asks of a document like this one, read by pypdf: identification,
     colours, fonts, attachment, no secrets."""
     reader = PdfReader(folder / "c.pdf")
-    assert (reader.xmp_metadata.pdfaid_part, reader.xmp_metadata.pdfaid_conformance) == ("3", "B")
+    assert (reader.xmp_metadata.pdfaid_part, reader.xmp_metadata.pdfaid_conformance) == (
+        "3",
+        "B",
+    )
     assert reader.xmp_metadata.dc_title["x-default"] == reader.metadata.title
     assert (reader.is_encrypted, len(reader.trailer["/ID"])) == (False, 2)
     root = reader.trailer["/Root"]

@@ -31,7 +31,9 @@ def registers(heartbeat=0, *, setup=0, x=0, material=2000, pressure=10132):
 def answer(seen, at_s, data):
     at = int(at_s * S)
     ranges = plan_reads(seen.survey.plc.signals)
-    seen.take(ModbusBlock(at, at + 2_000_000, ranges, (data,) if isinstance(data, bytes) else data))
+    seen.take(
+        ModbusBlock(at, at + 2_000_000, ranges, (data,) if isinstance(data, bytes) else data)
+    )
 
 
 def machine_is_well(seen, seconds=5.0, **values):
@@ -44,7 +46,9 @@ def laser_is_well(seen, seconds=5.0, beam=0.9, line="{0:.6f} {1} {2}\n"):
     seen.take(LinkEvent(0, "laser", "connected", "there"))
     for sample in range(int(seconds * 100)):
         seen.take(
-            Chunk("laser", int((1 + sample / 100) * S), line.format(12.5, sample, beam).encode())
+            Chunk(
+                "laser", int((1 + sample / 100) * S), line.format(12.5, sample, beam).encode()
+            )
         )
 
 
@@ -80,7 +84,9 @@ def test_whether_a_compensation_is_active_is_asked_until_it_is_answered(answer):
 class TestLaser:
     def test_what_cannot_be_opened_is_told_as_the_port_says_it(self, seen):
         seen.take(
-            LinkEvent(0, "laser", "lost", "serial port laser: found No such file or directory")
+            LinkEvent(
+                0, "laser", "lost", "serial port laser: found No such file or directory"
+            )
         )
         assert (
             told(seen, "error")["laser-unreachable"]
@@ -145,7 +151,9 @@ class TestMachine:
             ({"pressure": 9}, "pressure"),
         ],
     )
-    def test_values_that_no_machine_can_have_point_at_the_register_map(self, seen, values, signal):
+    def test_values_that_no_machine_can_have_point_at_the_register_map(
+        self, seen, values, signal
+    ):
         machine_is_well(seen, **values)
         text = told(seen, "warning").get("signals-absent.implausible", "")
         assert (signal or "x_mm") in text
@@ -190,6 +198,8 @@ class TestMachine:
             ((b"\x00\x00", b"", b"\x00\x00"), "warning"),
         ):
             seen = seen_of(LINE_SURVEY + extra)
-            seen.take(LinkEvent(0, "machine", "connected", "exception 2 (illegal data address)"))
+            seen.take(
+                LinkEvent(0, "machine", "connected", "exception 2 (illegal data address)")
+            )
             answer(seen, 1, refused)
             assert "illegal data address" in told(seen, severity)["signals-absent.refused"]

@@ -49,7 +49,14 @@ class TestExport:
     def test_needs_neither_profile_nor_survey(self, result, tmp_path):
         """Contract 4: the quick look."""
         told = stepdiag(
-            "export", result, "--controller", "siemens", "--out", tmp_path / "out", "--step-mm", 50
+            "export",
+            result,
+            "--controller",
+            "siemens",
+            "--out",
+            tmp_path / "out",
+            "--step-mm",
+            50,
         )
         assert told.code == 0
         assert "WARNING sign-untested" in told.out
@@ -60,7 +67,14 @@ class TestExport:
         path = tmp_path / "half.json"
         path.write_text(made_result({"EYX": None}).to_json(), encoding="utf-8")
         told = stepdiag(
-            "export", path, "--controller", "siemens", "--out", tmp_path / "out", "--step-mm", 50
+            "export",
+            path,
+            "--controller",
+            "siemens",
+            "--out",
+            tmp_path / "out",
+            "--step-mm",
+            50,
         )
         assert told.code == 3
         assert told.refusal.startswith(
@@ -117,13 +131,20 @@ class TestExport:
     def test_a_box_a_digit_or_g91_beside_whole_steps_has_tables_in_whole_steps(
         self, controller, off_mm, tmp_path
     ):
-        sizes = (VOLUME.size_mm[0] + off_mm, VOLUME.size_mm[1] - off_mm, VOLUME.size_mm[2] + off_mm)
+        sizes = (
+            VOLUME.size_mm[0] + off_mm,
+            VOLUME.size_mm[1] - off_mm,
+            VOLUME.size_mm[2] + off_mm,
+        )
         volume = replace(VOLUME, size_mm=sizes)
         path, out = tmp_path / "result.json", tmp_path / "out"
         path.write_text(
-            made_result(BENT, squareness={"C0Y": 20.0}, volume=volume).to_json(), encoding="utf-8"
+            made_result(BENT, squareness={"C0Y": 20.0}, volume=volume).to_json(),
+            encoding="utf-8",
         )
-        told = stepdiag("export", path, "--controller", controller, "--out", out, "--step-mm", 50)
+        told = stepdiag(
+            "export", path, "--controller", controller, "--out", out, "--step-mm", 50
+        )
         assert told.code == 0, told.refusal
         assert stepdiag("verify", path, out).code == 0
         if controller != "lattice" and (report := out / "EXPORT_REPORT.txt").is_file():
@@ -135,14 +156,28 @@ class TestExport:
         volume = replace(VOLUME, size_mm=(VOLUME.size_mm[0] + off_mm, *VOLUME.size_mm[1:]))
         path.write_text(made_result(BENT, volume=volume).to_json(), encoding="utf-8")
         told = stepdiag(
-            "export", path, "--controller", "siemens", "--out", tmp_path / "out", "--step-mm", 50
+            "export",
+            path,
+            "--controller",
+            "siemens",
+            "--out",
+            tmp_path / "out",
+            "--step-mm",
+            50,
         )
         assert told.code == 5
         assert "into whole sections" in told.refusal
 
     def test_an_unknown_control_meets_the_nearest(self, result, tmp_path):
         told = stepdiag(
-            "export", result, "--controller", "simens", "--out", tmp_path / "out", "--step-mm", 50
+            "export",
+            result,
+            "--controller",
+            "simens",
+            "--out",
+            tmp_path / "out",
+            "--step-mm",
+            50,
         )
         assert (told.code, told.refusal) == (
             2,
@@ -153,7 +188,14 @@ class TestExport:
         path = tmp_path / "result.json"
         path.write_text(made_result({"EXX": None}).to_json(), encoding="utf-8")
         told = stepdiag(
-            "export", path, "--controller", "siemens", "--out", tmp_path / "out", "--step-mm", 50
+            "export",
+            path,
+            "--controller",
+            "siemens",
+            "--out",
+            tmp_path / "out",
+            "--step-mm",
+            50,
         )
         assert told.code == 3
         assert "errors.EXX" in told.refusal
@@ -202,7 +244,9 @@ class TestVerify:
         self, result, tmp_path, controller
     ):
         said = json.loads(
-            stepdiag("verify", result, self.exported(result, tmp_path, controller), "--json").out
+            stepdiag(
+                "verify", result, self.exported(result, tmp_path, controller), "--json"
+            ).out
         )
         assert said["controller"] == controller
         assert "EXPORT_REPORT.txt" in said["left_aside"]
@@ -225,9 +269,13 @@ class TestVerify:
         assert after == pytest.approx(before)
 
     def test_says_what_it_found_and_what_the_figures_leave_out(self, result, tmp_path):
-        told = stepdiag("verify", result, self.exported(result, tmp_path, "siemens"), "--verbose")
+        told = stepdiag(
+            "verify", result, self.exported(result, tmp_path, "siemens"), "--verbose"
+        )
         assert "cec: a positive value moves the axis in - (as-error)" in told.out
-        assert "does not identify it: the scale of X, the scale of Y, the scale of Z" in told.out
+        assert (
+            "does not identify it: the scale of X, the scale of Y, the scale of Z" in told.out
+        )
         assert "worse-after" not in told.out
 
     def test_says_what_u_takes_for_granted(self, result, tmp_path):
@@ -265,7 +313,11 @@ class TestVerify:
         )
         (tmp_path / "curves.csv").write_text(turned, encoding="ascii")
         told = stepdiag("verify", result, tmp_path / "curves.csv")
-        assert (told.code, "WARNING worse-after" in told.out, "WRONG sign-turned" in told.out) == (
+        assert (
+            told.code,
+            "WARNING worse-after" in told.out,
+            "WRONG sign-turned" in told.out,
+        ) == (
             5,
             True,
             True,
@@ -276,7 +328,9 @@ class TestVerify:
         assert "sign-turned" in {table["verdict"] for table in said["tables"]}
 
     def test_right_files_are_said_to_be_right(self, result, tmp_path):
-        told = stepdiag("verify", result, self.exported(result, tmp_path, "siemens"), "--json")
+        told = stepdiag(
+            "verify", result, self.exported(result, tmp_path, "siemens"), "--json"
+        )
         said = json.loads(told.out)
         assert (told.code, said["verdict"]) == (0, "right")
         assert {table["verdict"] for table in said["tables"]} == {"right"}
@@ -285,14 +339,21 @@ class TestVerify:
         out = self.exported(result, tmp_path, "siemens")
         (out / "AX_EEC_UNTESTED_SIGN.INI").write_bytes(b"")
         told = stepdiag("verify", result, out)
-        assert (told.code, "expected the bytes that the export wrote" in told.refusal) == (5, True)
+        assert (told.code, "expected the bytes that the export wrote" in told.refusal) == (
+            5,
+            True,
+        )
 
     @pytest.mark.parametrize(
         ("name", "begins"), [("p.svg", b"<svg"), ("p.html", b"<!doctype html>")]
     )
     def test_draws_before_and_after(self, result, tmp_path, name, begins):
         told = stepdiag(
-            "verify", result, self.exported(result, tmp_path, "siemens"), "--out", tmp_path / name
+            "verify",
+            result,
+            self.exported(result, tmp_path, "siemens"),
+            "--out",
+            tmp_path / name,
         )
         picture = (tmp_path / name).read_bytes()
         assert told.code == 0
@@ -314,7 +375,10 @@ class TestVerify:
                 read(Node(figures[when][figure], "verify", figure), Interval)
                 for figure in ("rms_um", "largest_um")
             )
-            assert f"{name}: rms {rms.words()} µm, largest {largest.bound()} µm (k = 2)" in picture
+            assert (
+                f"{name}: rms {rms.words()} µm, largest {largest.bound()} µm (k = 2)"
+                in picture
+            )
 
     def test_a_picture_of_another_kind_is_refused(self, result, tmp_path):
         out = self.exported(result, tmp_path, "neutral")
@@ -326,7 +390,9 @@ class TestVerify:
 
     def test_a_folder_without_files_of_a_control_is_refused_by_name(self, result, tmp_path):
         (tmp_path / "out").mkdir()
-        (tmp_path / "out" / "EXPORT_REPORT.txt").write_text("no file was written", encoding="ascii")
+        (tmp_path / "out" / "EXPORT_REPORT.txt").write_text(
+            "no file was written", encoding="ascii"
+        )
         told = stepdiag("verify", result, tmp_path / "out")
         assert told.code == 3
         assert told.refusal.startswith(
@@ -423,11 +489,19 @@ class TestReadBack:
             "$SN_CEC_TABLE_ENABLE[2]=1", "$SN_CEC_TABLE_ENABLE[2]=0"
         )
         told = stepdiag(
-            "verify", result, folder, "--read-back", self.held(folder, tmp_path, off), "--json"
+            "verify",
+            result,
+            folder,
+            "--read-back",
+            self.held(folder, tmp_path, off),
+            "--json",
         )
         assert told.code == 5
         (found,) = json.loads(told.out)["read_back"]["findings"]
-        assert found["text"] == "SN_CEC_TABLE_ENABLE[2] is 0 in the control, the tables act with 1"
+        assert (
+            found["text"]
+            == "SN_CEC_TABLE_ENABLE[2] is 0 in the control, the tables act with 1"
+        )
 
     def test_before_loading_the_control_holds_what_the_profile_names(self, result, tmp_path):
         """Here it names nothing: tables in the control are not to be written over."""
@@ -439,7 +513,9 @@ class TestReadBack:
         told = stepdiag("verify", result, folder, "--before", held, "--read-back", held)
         assert told.code == 2
 
-    def test_without_the_files_of_the_export_there_is_nothing_to_compare(self, result, tmp_path):
+    def test_without_the_files_of_the_export_there_is_nothing_to_compare(
+        self, result, tmp_path
+    ):
         told = stepdiag("verify", result, "--read-back", result)
         assert told.code == 2
         assert "--read-back: expected the files of the export" in told.refusal
@@ -464,7 +540,9 @@ class TestSignTest:
         paths = tmp_path / "off.csv", tmp_path / "on.csv"
         for path, by in zip(paths, (0 * moved, moved), strict=True):
             reading = (
-                self.positions - self.positions[0] + 1e-3 * (0.5 * np.sin(self.positions) + by)
+                self.positions
+                - self.positions[0]
+                + 1e-3 * (0.5 * np.sin(self.positions) + by)
             )
             rows = make_readings(
                 setup=["linear-x"] * 17,
@@ -491,22 +569,34 @@ class TestSignTest:
         """With profile and result as they were given, which may stand in other folders; without
         --result it was refused, where the profile leaves the ends to the survey."""
         stepdiag(*self.arguments(profile, result), "--out", tmp_path / "bump")
-        step = (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="utf-8").splitlines()[-1]
+        step = (
+            (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="utf-8").splitlines()[-1]
+        )
         words = step.split("stepdiag ")[1].partition(" (")[0].split()
         off, on = self.runs(profile, tmp_path, 1.0)
         monkeypatch.chdir(tmp_path / "bump")
         told = stepdiag(*[{"OFF.csv": off, "ON.csv": on}.get(word, word) for word in words])
         assert told.code == 0, told.refusal
 
-    def test_without_result_the_profile_must_say_where_the_table_ends(self, profile, tmp_path):
+    def test_without_result_the_profile_must_say_where_the_table_ends(
+        self, profile, tmp_path
+    ):
         told = stepdiag(
-            "signtest", "--controller", "siemens", "--profile", profile, "--out", tmp_path / "bump"
+            "signtest",
+            "--controller",
+            "siemens",
+            "--profile",
+            profile,
+            "--out",
+            tmp_path / "bump",
         )
         assert told.code == 2
         assert "start_mm and end_mm" in told.refusal
         assert "give --result" in told.refusal
 
-    @pytest.mark.parametrize(("sense", "verdict"), [(1.0, "as-error"), (-1.0, "as-compensation")])
+    @pytest.mark.parametrize(
+        ("sense", "verdict"), [(1.0, "as-error"), (-1.0, "as-compensation")]
+    )
     def test_two_runs_give_the_record_for_the_profile(
         self, profile, result, tmp_path, sense, verdict
     ):
@@ -559,7 +649,9 @@ class TestSignTest:
         bow = np.interp(self.positions, VOLUME.nodes_mm(0), BENT["EYX"])
         run.write_text(
             "position_mm,off_um,on_um\n"
-            + "".join(f"{at:g},{um},{um}\n" for at, um in zip(self.positions, bow, strict=True))
+            + "".join(
+                f"{at:g},{um},{um}\n" for at, um in zip(self.positions, bow, strict=True)
+            )
         )
         arguments = (*self.arguments(profile, result), "--function", "EYX")
         assert "not active" in stepdiag(*arguments, "--run", run).refusal
@@ -568,7 +660,9 @@ class TestSignTest:
             in stepdiag(*arguments, "--off", run, "--on", run).refusal
         )
 
-    @pytest.mark.parametrize("extra", [(), ("--off", "a.csv"), ("--off", "a.csv", "--out", "b")])
+    @pytest.mark.parametrize(
+        "extra", [(), ("--off", "a.csv"), ("--off", "a.csv", "--out", "b")]
+    )
     def test_half_a_request_is_refused(self, profile, result, extra):
         told = stepdiag(*self.arguments(profile, result), *extra)
         assert told.code == 2

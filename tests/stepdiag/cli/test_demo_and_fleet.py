@@ -49,7 +49,9 @@ def test_the_seed_of_the_demo_names_its_machine(demonstrations):
 
 
 def test_the_demo_prints_its_figures_for_programs(demonstrations, monkeypatch):
-    monkeypatch.setattr("stepdiag.cli.status.concluded_in", lambda folder: iter(["the conclusion"]))
+    monkeypatch.setattr(
+        "stepdiag.cli.status.concluded_in", lambda folder: iter(["the conclusion"])
+    )
     brief, whole = stepdiag("demo").out, stepdiag("demo", "--verbose").out
     assert "True errors of the tool" in brief
     assert ("the conclusion" in brief, "the conclusion" in whole) == (False, True)
@@ -59,12 +61,16 @@ def test_the_demo_prints_its_figures_for_programs(demonstrations, monkeypatch):
     assert len(demonstrations) == 3
 
 
-def test_the_demo_prints_every_form_on_a_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_demo_prints_every_form_on_a_screen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     """Of 30 lines of 80 columns."""
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr("testkit.cli.joined", lambda text: text)
     kept = Promise(
-        of=message("as-it-is"), stated=Interval(value_um=2.0, low_um=1.0, high_um=3.0), true_um=2.0
+        of=message("as-it-is"),
+        stated=Interval(value_um=2.0, low_um=1.0, high_um=3.0),
+        true_um=2.0,
     )
     found = Demonstrated(
         folder=tmp_path / ("long" * 8),
@@ -75,7 +81,9 @@ def test_the_demo_prints_every_form_on_a_screen(tmp_path: Path, monkeypatch: pyt
         promises=(kept, kept),
         seconds=1.0,
     )
-    monkeypatch.setattr("stepdiag.demo.demo.demonstrate", lambda folder, seed, progress: found)
+    monkeypatch.setattr(
+        "stepdiag.demo.demo.demonstrate", lambda folder, seed, progress: found
+    )
     lines = stepdiag("demo").out.splitlines()
     assert len(FORMS) + 8 < len(lines) <= 30
 
@@ -132,7 +140,10 @@ def visited(tmp_path: Path, monkeypatch):
 def test_the_page_of_a_fleet_is_served_where_it_is_asked_for(visited):
     sheet, place = visited()
     assert place == ("127.0.0.1", 8430)
-    assert visited("--host", "shop.example", "--port", 9000) == (sheet, ("shop.example", 9000))
+    assert visited("--host", "shop.example", "--port", 9000) == (
+        sheet,
+        ("shop.example", 9000),
+    )
 
 
 @pytest.mark.parametrize("given", [("--language", "de"), ("--tolerance", "volumetric-rms=4")])

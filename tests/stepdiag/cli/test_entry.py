@@ -37,7 +37,9 @@ def began(*arguments):
 
 
 @pytest.mark.parametrize(("arguments", "loaded"), [((), False), (("--verbose",), True)])
-def test_a_daemon_that_is_refused_leaves_with_the_code_of_the_cause(tmp_path, arguments, loaded):
+def test_a_daemon_that_is_refused_leaves_with_the_code_of_the_cause(
+    tmp_path, arguments, loaded
+):
     """Both ways in: as systemd starts it, and as a person with an option does."""
     code, said = began("run", tmp_path / "none.toml", *arguments)
     assert code == 2

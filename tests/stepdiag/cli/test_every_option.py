@@ -110,7 +110,16 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
     ),
     "profile": (["profile", "siemens"], {"--out": ["--out", "new.toml"]}),
     "export": (
-        ["export", "result.json", "--controller", "siemens", "--step-mm", "100", "--out", "out"],
+        [
+            "export",
+            "result.json",
+            "--controller",
+            "siemens",
+            "--step-mm",
+            "100",
+            "--out",
+            "out",
+        ],
         {
             "--controller": ["--controller", "neutral"],
             "--out": ["--out", "elsewhere"],
@@ -183,7 +192,10 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         {"--chain": ["--chain", "XFYZ"], "--out": ["--out", "elsewhere.json"], "--map": []},
     ),
     # tests/system/recording/test_further_setup.py tries --note, with the daemon
-    "next": (["next", "survey.toml"], {"--take": ["--take"], "--json": ["--json"], "--note": []}),
+    "next": (
+        ["next", "survey.toml"],
+        {"--take": ["--take"], "--json": ["--json"], "--note": []},
+    ),
     "program": (
         ["program", "survey.toml", "--controller", "siemens", "--out", "out"],
         {
@@ -350,7 +362,15 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         },
     ),
     "fourdof stability": (
-        ["fourdof", "stability", "near.csv", "--calibration", "head.toml", "--distance-mm", "500"],
+        [
+            "fourdof",
+            "stability",
+            "near.csv",
+            "--calibration",
+            "head.toml",
+            "--distance-mm",
+            "500",
+        ],
         {
             "--calibration": ["--calibration", "none.toml"],
             "--distance-mm": ["--distance-mm", "900"],
@@ -393,7 +413,11 @@ COVERED: dict[str, dict[str, list[str]]] = {
         "stepdiag/cli/test_demo_and_fleet.py": ["--browser", "--json", "--seed", "--verbose"],
     },
     "init": {
-        "stepdiag/cli/test_survey_and_logs.py": ["--feedback", "--machine-class", "--pitch-mm"]
+        "stepdiag/cli/test_survey_and_logs.py": [
+            "--feedback",
+            "--machine-class",
+            "--pitch-mm",
+        ]
     },
     "setup": {
         "system/shop/test_setup.py": [
@@ -521,7 +545,9 @@ def write_head(folder: Path) -> None:
             stage_pose(distance_mm, still[:1], still[:1], stand),
             disturbance=wander,
         )
-        channels = head.channels(stage_pose(distance_mm, still, still, stand), time).astype(float)
+        channels = head.channels(stage_pose(distance_mm, still, still, stand), time).astype(
+            float
+        )
         (folder / name).write_text(
             render_head_csv(HeadRecord(time_s=time, channels=channels)), encoding="utf-8"
         )
@@ -539,7 +565,8 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
     profile = profile_of("siemens", VOLUME)
     control = controller_named("siemens")
     plan = control.plan(
-        fitted(result, profile.machine.functions, profile.machine.squareness_into).curves, profile
+        fitted(result, profile.machine.functions, profile.machine.squareness_into).curves,
+        profile,
     )
     for file in control.render(plan.tables, profile):
         (folder / file.name).write_bytes(file.data)
@@ -551,9 +578,13 @@ def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
     wider = replace(
         result, volume=replace(VOLUME, size_mm=tuple(1.5 * size for size in VOLUME.size_mm))
     )
-    moved = bump(control, parse_profile(written, "profile.toml", control, VOLUME, {}), "EXX").tables
+    moved = bump(
+        control, parse_profile(written, "profile.toml", control, VOLUME, {}), "EXX"
+    ).tables
     low = VOLUME.origin_mm[0]
-    points = np.array([[low + at, 0.0, 0.0] for at in np.linspace(0.0, VOLUME.size_mm[0], 17)])
+    points = np.array(
+        [[low + at, 0.0, 0.0] for at in np.linspace(0.0, VOLUME.size_mm[0], 17)]
+    )
     (curve,) = fitted(result, ["EXX"]).curves
     dial = list(
         zip(
@@ -651,7 +682,9 @@ def commands(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
 def options_of(name: str) -> set[str]:
     command = dict(commands())[name.partition(":")[0]]
     return {
-        parameter.opts[-1] for parameter in command.params if parameter.opts[-1].startswith("--")
+        parameter.opts[-1]
+        for parameter in command.params
+        if parameter.opts[-1].startswith("--")
     }
 
 
@@ -692,14 +725,21 @@ def test_every_command_is_tried_or_named_with_its_tests():
     assert not tried & named.keys()
     assert tried | named.keys() == {name for name, _ in commands()}
     missing = {
-        (name, option) for name, options in named.items() for option in options_of(name) ^ options
+        (name, option)
+        for name, options in named.items()
+        for option in options_of(name) ^ options
     }
     assert not missing
 
 
 @pytest.mark.parametrize(
     ("name", "place", "option"),
-    [(n, p, o) for n, tests in COVERED.items() for p, options in tests.items() for o in options],
+    [
+        (n, p, o)
+        for n, tests in COVERED.items()
+        for p, options in tests.items()
+        for o in options
+    ],
 )
 def test_the_named_test_uses_the_option(name, place, option):
     text = (Path(__file__).parents[2] / place).read_text(encoding="utf-8")
@@ -755,7 +795,9 @@ def test_a_closed_form_takes_the_readings_alone(method, given, shop):
     assert stepdiag("solve", "readings.csv", "--method", method, *given).code == 2
 
 
-@pytest.mark.parametrize("given", [("--active-date", "2026-01-01"), ("--active-source", "archive")])
+@pytest.mark.parametrize(
+    "given", [("--active-date", "2026-01-01"), ("--active-source", "archive")]
+)
 @pytest.mark.parametrize("state", [(), ("--compensation", "off")])
 def test_when_and_how_files_were_read_out_needs_the_files(given, state, shop):
     told = stepdiag("solve", "readings.csv", *state, *given)

@@ -59,4 +59,6 @@ def test_the_table_of_the_documentation_is_made_of_the_cases(case):
 
 
 def test_the_table_has_no_other_rows():
-    assert len([line for line in table().splitlines() if line.startswith("|")]) == len(CASES) + 2
+    assert (
+        len([line for line in table().splitlines() if line.startswith("|")]) == len(CASES) + 2
+    )

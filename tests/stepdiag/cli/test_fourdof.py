@@ -54,7 +54,9 @@ def samples(distance_mm, seconds, *, amplitude, period_s, rate_hz=20.0, optics=N
     still = np.zeros((len(time), 2))
     return HeadRecord(
         time_s=time,
-        channels=head.channels(stage_pose(distance_mm, still, still, STAND), time).astype(float),
+        channels=head.channels(stage_pose(distance_mm, still, still, STAND), time).astype(
+            float
+        ),
     )
 
 
@@ -70,15 +72,18 @@ def write_stage_run(path, detector, column):
     moved = np.zeros((27, 2))
     moved[:, column] = reference
     none = np.zeros((27, 2))
-    shift, turn = (1e-3 * moved, none) if detector == "qd" else (none, moved * URAD_PER_ARCSEC)
-    channels = VirtualHead(HeadOptics(), STAND, stage_pose(500.0, STILL, STILL, STAND)).channels(
-        stage_pose(500.0, shift, turn, STAND), np.zeros(27)
+    shift, turn = (
+        (1e-3 * moved, none) if detector == "qd" else (none, moved * URAD_PER_ARCSEC)
     )
+    channels = VirtualHead(
+        HeadOptics(), STAND, stage_pose(500.0, STILL, STILL, STAND)
+    ).channels(stage_pose(500.0, shift, turn, STAND), np.zeros(27))
     first = 0 if detector == "qd" else 6
     reading = channels[:, first + column] / channels[:, first + 2]
     rows = [f"{a:.6f},{b:.3f}" for a, b in zip(reading, reference, strict=True)]
     path.write_text(
-        "\n".join([f"reading,reference_{'um' if detector == 'qd' else 'arcsec'}", *rows]) + "\n",
+        "\n".join([f"reading,reference_{'um' if detector == 'qd' else 'arcsec'}", *rows])
+        + "\n",
         encoding="utf-8",
     )
     return path
@@ -145,7 +150,9 @@ def test_what_nothing_has_measured_is_refused_and_the_next_command_named(tmp_pat
         match=r"stability: qd.x: .*nothing has measured qd.x, .*; next: `stepdiag fourdof "
         r"commission`",
     ):
-        fourdof("stability", wobble, "--calibration", tmp_path / "new.toml", "--distance-mm", 300)
+        fourdof(
+            "stability", wobble, "--calibration", tmp_path / "new.toml", "--distance-mm", 300
+        )
     run = write_stage_run(tmp_path / "qdx.csv", "qd", 0)
     fourdof(
         "calibrate",
@@ -161,7 +168,9 @@ def test_what_nothing_has_measured_is_refused_and_the_next_command_named(tmp_pat
     with pytest.raises(
         DataError, match=r"stability: qd.y: expected a field that a command measured"
     ):
-        fourdof("stability", wobble, "--calibration", tmp_path / "part.toml", "--distance-mm", 300)
+        fourdof(
+            "stability", wobble, "--calibration", tmp_path / "part.toml", "--distance-mm", 300
+        )
 
 
 def test_a_survey_file_gives_the_program_that_commissions_its_head(tmp_path):
@@ -187,7 +196,14 @@ def test_a_survey_file_gives_the_program_that_commissions_its_head(tmp_path):
         tmp_path / "head.toml",
     )
     (tmp_path / "mine.toml").write_text('[program]\nstand = "M70 (AT {count})"\n')
-    ours = ("--controller", "fanuc", "--profile", tmp_path / "mine.toml", "--out", tmp_path / "nc")
+    ours = (
+        "--controller",
+        "fanuc",
+        "--profile",
+        tmp_path / "mine.toml",
+        "--out",
+        tmp_path / "nc",
+    )
     said = fourdof("commission", tmp_path / "survey.toml", *ours)
     assert "next: `stepdiag run survey.toml`" in said
     (program,) = (tmp_path / "nc").glob("O*")
@@ -268,10 +284,16 @@ def test_compare_with_a_reference_instrument(tmp_path):
         f"{p},{b + 0.02 * p + (0.5 if p == 500 else 0):.4f},{(a + 7) * URAD_PER_ARCSEC:.4f}"
         for p, b, a in zip(position, bow, pitch, strict=True)
     ]
-    (tmp_path / "ours.csv").write_text("\n".join(["position_mm,EYX_um,EBX_arcsec", *ours]) + "\n")
-    (tmp_path / "api.csv").write_text("\n".join(["position_mm,EYX_um,EBX_urad", *theirs]) + "\n")
+    (tmp_path / "ours.csv").write_text(
+        "\n".join(["position_mm,EYX_um,EBX_arcsec", *ours]) + "\n"
+    )
+    (tmp_path / "api.csv").write_text(
+        "\n".join(["position_mm,EYX_um,EBX_urad", *theirs]) + "\n"
+    )
     said = json.loads(
-        fourdof("compare", tmp_path / "ours.csv", "--reference", tmp_path / "api.csv", "--json")
+        fourdof(
+            "compare", tmp_path / "ours.csv", "--reference", tmp_path / "api.csv", "--json"
+        )
     )
     assert said["EYX"]["lowest"] == pytest.approx(-0.5 * 10 / 11, abs=0.02)
     assert said["EBX"]["rms"] == pytest.approx(0.0, abs=1e-3)
@@ -308,15 +330,20 @@ def test_compare_finds_how_far_the_heads_stood_from_each_other(tmp_path):
     columns = np.column_stack([position, ours[:, 1:], *turns])
     head = "position_mm,EYX_um,EZX_um,EAX_urad,EBX_urad,ECX_urad"
     (tmp_path / "ours.csv").write_text(
-        "\n".join([head, *(",".join(f"{value:.5f}" for value in row) for row in columns)]) + "\n"
+        "\n".join([head, *(",".join(f"{value:.5f}" for value in row) for row in columns)])
+        + "\n"
     )
     lines = [
         ",".join(f"{value:.5f}" for value in row)
         for row in np.column_stack([position, theirs[:, 1:]])
     ]
-    (tmp_path / "theirs.csv").write_text("\n".join(["position_mm,EYX_um,EZX_um", *lines]) + "\n")
+    (tmp_path / "theirs.csv").write_text(
+        "\n".join(["position_mm,EYX_um,EZX_um", *lines]) + "\n"
+    )
     said = json.loads(
-        fourdof("compare", tmp_path / "ours.csv", "--reference", tmp_path / "theirs.csv", "--json")
+        fourdof(
+            "compare", tmp_path / "ours.csv", "--reference", tmp_path / "theirs.csv", "--json"
+        )
     )
     found = said["arms"]["X"]
     assert max(said["EYX"]["rms"], said["EZX"]["rms"]) > 1.0
@@ -377,7 +404,9 @@ def test_a_gap_in_the_samples_is_no_stability():
         time_s=np.where(record.time_s > 5.0, record.time_s + 3.0, record.time_s),
         channels=record.channels,
     )
-    with pytest.raises(DataError, match="expected samples in every 1 s, found no samples from"):
+    with pytest.raises(
+        DataError, match="expected samples in every 1 s, found no samples from"
+    ):
         late.averaged(1.0)
 
 

@@ -58,13 +58,17 @@ class TestProgram:
         driven by nobody."""
         monkeypatch.setattr("os.fsync", _broken_at(3))
         assert (
-            stepdiag("program", survey, "--controller", "siemens", "--out", tmp_path / "nc").code
+            stepdiag(
+                "program", survey, "--controller", "siemens", "--out", tmp_path / "nc"
+            ).code
             == 2
         )
         assert not (tmp_path / "nc").exists()
         monkeypatch.undo()
         assert (
-            stepdiag("program", survey, "--controller", "siemens", "--out", tmp_path / "nc").code
+            stepdiag(
+                "program", survey, "--controller", "siemens", "--out", tmp_path / "nc"
+            ).code
             == 0
         )
         assert whole(tmp_path / "nc")
@@ -84,7 +88,13 @@ class TestProgram:
             "program", survey, "--controller", controller, "--out", tmp_path / "nc", "--json"
         )
         said = json.loads(told.out)
-        assert [each["setup"] for each in said["programs"]] == ["ppp", "npp", "npp+1", "pnp", "ppn"]
+        assert [each["setup"] for each in said["programs"]] == [
+            "ppp",
+            "npp",
+            "npp+1",
+            "pnp",
+            "ppn",
+        ]
         assert block in (tmp_path / "nc" / name).read_text(encoding="ascii")
 
     def test_the_profile_states_the_machines_own_signals(self, survey, tmp_path):
@@ -110,7 +120,9 @@ class TestProgram:
         )
         program = (tmp_path / "nc" / "step_ppp.ngc").read_text(encoding="ascii")
         assert "M62 P7" in program
-        assert "M68 E0 Q1" in program, "what the profile does not state is the control's default"
+        assert "M68 E0 Q1" in program, (
+            "what the profile does not state is the control's default"
+        )
 
     @pytest.mark.parametrize(
         ("section", "refusal"),
@@ -121,7 +133,9 @@ class TestProgram:
             ('[machine]\ncontroller = "fanuc"\n', "p.toml: machine.controller"),
         ],
     )
-    def test_a_wrong_profile_is_refused_by_its_field(self, survey, tmp_path, section, refusal):
+    def test_a_wrong_profile_is_refused_by_its_field(
+        self, survey, tmp_path, section, refusal
+    ):
         (tmp_path / "p.toml").write_text(section, encoding="utf-8")
         arguments = (
             "--controller",
@@ -158,11 +172,18 @@ class TestProgram:
 
     @pytest.mark.parametrize(
         ("travel", "code"),
-        [("[-5.0, 505.0]", 0), ("[-4.0, 505.0]", 5), ("[-5.0, 100.0]", 5), ("[5.0, -5.0]", 2)],
+        [
+            ("[-5.0, 505.0]", 0),
+            ("[-4.0, 505.0]", 5),
+            ("[-5.0, 100.0]", 5),
+            ("[5.0, -5.0]", 2),
+        ],
     )
     def test_keeps_within_the_travel_of_the_profile(self, survey, tmp_path, travel, code):
         """Overrun included: a program that would run into a software limit is not written."""
-        (tmp_path / "p.toml").write_text(f"[axes.X]\ntravel_mm = {travel}\n", encoding="utf-8")
+        (tmp_path / "p.toml").write_text(
+            f"[axes.X]\ntravel_mm = {travel}\n", encoding="utf-8"
+        )
         told = stepdiag(
             "program",
             survey,
@@ -276,7 +297,9 @@ class TestPlan:
             f"[plan] now drives {drives}; repeats = 1; {better[0]['increments']} increments"
             in done.refusal
         )
-        again = json.loads(stepdiag("plan", survey, "--minutes", 15, "--json").out)["forecast"]
+        again = json.loads(stepdiag("plan", survey, "--minutes", 15, "--json").out)[
+            "forecast"
+        ]
         assert [run["setup"] for run in again["runs"]] == [
             run["setup"] for run in better[0]["runs"]
         ]
@@ -287,7 +310,9 @@ class TestPlan:
         survey.write_text(begun(MachineClass(), survey.name), encoding="utf-8")
         done = stepdiag("plan", survey, "--minutes", 240, "--apply", "--verbose")
         plan = parse_survey(survey.read_text(encoding="utf-8"), survey.name).plan
-        assert f"[plan] now drives {', '.join(plan.all_setups)};" in " ".join(done.refusal.split())
+        assert f"[plan] now drives {', '.join(plan.all_setups)};" in " ".join(
+            done.refusal.split()
+        )
         named = ", ".join(setup_words(each, "en") for each in plan.all_setups)
         assert f"BEST SURVEY for the request: {named}" in " ".join(done.out.split())
         assert (plan.axis_orders, plan.alternate_orders) == (ORDERS, True)
@@ -349,6 +374,7 @@ class TestAdviceThatCanBeFollowed:
             advice["best"]["left_um"],
         )
         assert again["minutes"] == pytest.approx(advice["best"]["minutes"])
-        assert f"increments = {advice['best']['increments']}   # two days ago" in path.read_text(
-            encoding="utf-8"
+        assert (
+            f"increments = {advice['best']['increments']}   # two days ago"
+            in path.read_text(encoding="utf-8")
         )

@@ -69,7 +69,10 @@ def amended(text: str = SURVEY) -> str:
 
 
 def test_the_survey_file_of_a_proof_run_keeps_all_that_measures() -> None:
-    before, after = parse_survey(SURVEY, "survey.toml"), parse_survey(amended(), "survey.toml")
+    before, after = (
+        parse_survey(SURVEY, "survey.toml"),
+        parse_survey(amended(), "survey.toml"),
+    )
     assert after.proof == PROOF
     assert (after.identity.name, after.identity.machine) == ("mill-proof-0001", "Mill 3")
     assert (after.plan.setups, after.plan.repeats, after.plan.axis_orders) == (
@@ -146,7 +149,9 @@ def test_a_verdict_begins_with_the_action_and_fits_a_screen(
     for verbose in (False, True):
         print_verdict(Verdict(tables=tables, sigma_um=0.3), [], records, verbose=verbose)
         printed[verbose] = capsys.readouterr().out.splitlines()
-    assert all(lines[0].startswith("the tables act as exported") for lines in printed.values())
+    assert all(
+        lines[0].startswith("the tables act as exported") for lines in printed.values()
+    )
     assert len(printed[False]) <= 30 < len(printed[True])
     assert ["[[sign_tests]]" in lines for lines in printed.values()] == [False, True]
     assert any("2 record(s)" in line for line in printed[False])

@@ -61,12 +61,16 @@ def test_a_straight_diagonal_that_was_not_used_is_held_against_the_result(files,
     whole, _, _ = files
     result = tmp_path / "result.json"
     assert stepdiag("solve", whole, "--out", result).code == 0
-    volume = Volume(origin_mm=BENCH.origin_mm, size_mm=BENCH.size_mm, increments=BENCH.increments)
+    volume = Volume(
+        origin_mm=BENCH.origin_mm, size_mm=BENCH.size_mm, increments=BENCH.increments
+    )
     target = TIMES * float(np.linalg.norm(BENCH.size_mm))
     points = np.asarray(BENCH.origin_mm) + TIMES[:, None] * np.asarray(BENCH.size_mm)
     along = diagonal_direction(volume, "ppp")
     error_um = BENCH.machine.error_at(points) @ along
-    lines = [f"1 {number} {value - error_um[0]:.4f}" for number, value in enumerate(error_um, 1)]
+    lines = [
+        f"1 {number} {value - error_um[0]:.4f}" for number, value in enumerate(error_um, 1)
+    ]
     rtl = tmp_path / "d1.rtl"
     rtl.write_text(
         "TARGET DATA::\nTarget-count : 5\nTargets :\n"
@@ -87,8 +91,12 @@ def test_a_straight_diagonal_that_was_not_used_is_held_against_the_result(files,
 def test_what_is_asked_wrongly_is_refused(files, tmp_path):
     whole, diagonals, runs = files
     assert "linear-x once" in stepdiag("solve", whole, "--run", runs[0]).refusal
-    assert "before the =" in stepdiag("solve", diagonals, "--run", f"linear-q={runs[0]}").refusal
-    assert "three coordinates" in stepdiag("solve", diagonals, "--run", f"{runs[0]}@1,2").refusal
+    assert (
+        "before the =" in stepdiag("solve", diagonals, "--run", f"linear-q={runs[0]}").refusal
+    )
+    assert (
+        "three coordinates" in stepdiag("solve", diagonals, "--run", f"{runs[0]}@1,2").refusal
+    )
     assert (
         "state the place of the line"
         in stepdiag("solve", diagonals, "--run", f"{runs[0]}@,9999,0").refusal

@@ -22,7 +22,9 @@ GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.cs
 
 def cells(out: str, name: str) -> list[str]:
     """Return the cells of the row that begins with a name."""
-    rows = ([cell.strip() for cell in line.strip("│ ").split("│")] for line in out.splitlines())
+    rows = (
+        [cell.strip() for cell in line.strip("│ ").split("│")] for line in out.splitlines()
+    )
     return next(row for row in rows if row[0] == name)
 
 
@@ -69,8 +71,12 @@ class TestSolve:
 
     def test_straightness_that_was_measured_otherwise_joins_the_readings(self, tmp_path):
         """A straightness far from the golden one contradicts the diagonals: named, and left out."""
-        bow = "".join(f"{x:g},{40 - 0.00016 * (x - 500) ** 2:g},0.3\n" for x in range(0, 1001, 100))
-        (tmp_path / "s.csv").write_text("position_mm,EYX_um,u_EYX_um\n" + bow, encoding="utf-8")
+        bow = "".join(
+            f"{x:g},{40 - 0.00016 * (x - 500) ** 2:g},0.3\n" for x in range(0, 1001, 100)
+        )
+        (tmp_path / "s.csv").write_text(
+            "position_mm,EYX_um,u_EYX_um\n" + bow, encoding="utf-8"
+        )
         told = stepdiag("solve", GOLDEN, "--straightness", tmp_path / "s.csv", "--json")
         assert told.code == 0, told.err
         result = json.loads(told.out)
@@ -85,7 +91,9 @@ class TestSolve:
     def test_logs_bring_their_own_straightness(self, tmp_path):
         told = stepdiag("solve", tmp_path, "--straightness", "s.csv")
         assert told.code == 2
-        assert "--straightness: expected one readings file (*.csv), found logs" in told.refusal
+        assert (
+            "--straightness: expected one readings file (*.csv), found logs" in told.refusal
+        )
 
     def test_a_survey_folder_stands_for_the_result_in_it(self, tmp_path):
         assert stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json").code == 0
@@ -107,7 +115,9 @@ class TestSolve:
     def test_what_a_result_is_solved_from_is_told_from_it(self, tmp_path):
         told = stepdiag("report", GOLDEN, "--out", tmp_path / "r.html")
         assert told.code == 2
-        assert f"`stepdiag solve {GOLDEN} --out result.json` writes such a file" in told.refusal
+        assert (
+            f"`stepdiag solve {GOLDEN} --out result.json` writes such a file" in told.refusal
+        )
         told = stepdiag("report", tmp_path, "--out", tmp_path / "r.html")
         assert told.code == 2
         assert f"`stepdiag status {tmp_path}` shows what is missing" in told.refusal
@@ -119,7 +129,10 @@ class TestSolve:
         )
         told = stepdiag("solve", tmp_path / "r.csv")
         assert told.code == 3
-        assert "(ppp), pass 1 out, row with `stop = 2`: expected a move of one axis" in told.refusal
+        assert (
+            "(ppp), pass 1 out, row with `stop = 2`: expected a move of one axis"
+            in told.refusal
+        )
 
     def test_a_laser_of_the_wrong_sign_is_named_with_the_file(self, tmp_path):
         """The reading is the column before the last one of the golden survey."""
@@ -133,14 +146,19 @@ class TestSolve:
         )
         told = stepdiag("solve", tmp_path / "turned.csv")
         assert told.code == 3
-        assert told.refusal.startswith("turned.csv: diagonal X-Y-Z- to X+Y+Z+ (ppp), pass 1 out: ")
+        assert told.refusal.startswith(
+            "turned.csv: diagonal X-Y-Z- to X+Y+Z+ (ppp), pass 1 out: "
+        )
         assert "sign = -1" in told.refusal
 
     def test_what_is_neither_readings_nor_logs_is_refused_by_name(self, tmp_path):
         (tmp_path / "readings.txt").write_bytes(GOLDEN.read_bytes())
         told = stepdiag("solve", tmp_path / "readings.txt")
         assert told.code == 2
-        assert "readings.txt: expected one readings file (*.csv), or logs (*.mcap)" in told.refusal
+        assert (
+            "readings.txt: expected one readings file (*.csv), or logs (*.mcap)"
+            in told.refusal
+        )
         told = stepdiag("solve", tmp_path / "none.mcap")
         assert (told.code, told.refusal) == (
             2,
@@ -183,7 +201,10 @@ class TestResultTable:
         print_tables(made_up_result(angles=True))
         assert cells(capsys.readouterr().out, "ECZ")[4] == "µrad"
         print_findings(findings, verbose=True)
-        assert capsys.readouterr().out.splitlines() == ["ERROR   a: worst", "note    b: [note]"]
+        assert capsys.readouterr().out.splitlines() == [
+            "ERROR   a: worst",
+            "note    b: [note]",
+        ]
         print_findings(findings, verbose=False)
         assert capsys.readouterr().out.splitlines() == [
             "ERROR   a: worst",
@@ -227,7 +248,9 @@ def test_three_beam_offsets_give_all_eighteen_functions(tmp_path):
     """No switch: where the beam's places tell the angular functions apart, ``solve`` of a CSV
     reports them and says so."""
     offsets = {
-        f"{name}+{k}": tuple(np.roll([50.0, 0.0, 0.0], k)) for name in DIAGONALS for k in (1, 2)
+        f"{name}+{k}": tuple(np.roll([50.0, 0.0, 0.0], k))
+        for name in DIAGONALS
+        for k in (1, 2)
     }
     bench = Bench(
         angle_urad=20.0,
@@ -239,7 +262,9 @@ def test_three_beam_offsets_give_all_eighteen_functions(tmp_path):
     (tmp_path / "r.csv").write_text(
         render_readings(bench.survey((*DIAGONALS, *offsets, *LINEAR))), encoding="utf-8"
     )
-    told = stepdiag("solve", tmp_path / "r.csv", "--out", tmp_path / "result.json", "--verbose")
+    told = stepdiag(
+        "solve", tmp_path / "r.csv", "--out", tmp_path / "result.json", "--verbose"
+    )
     assert told.code == 0, told.refusal
     result = parse_result((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert "angles-resolved" in {finding.code for finding in result.findings}

@@ -181,7 +181,9 @@ def test_the_state_fits_a_screen_and_verbose_prints_every_doubt(
     own = [line for line in lines if "`" not in line and str(tmp_path) not in line]
     assert max(map(len, own)) <= 80
     (next_,) = (at for at, line in enumerate(lines) if line.startswith("next: "))
-    assert next_ < next(at for at, line in enumerate(lines) if "setup" in line and "stops" in line)
+    assert next_ < next(
+        at for at, line in enumerate(lines) if "setup" in line and "stops" in line
+    )
     assert all(f"{4.0 - at:+.1f} µm" in whole for at in (-2, -5, -7))
     accepted = stepdiag("accept", file, "ppp/1", "--reason", "looked at it", "--verbose").out
     assert accepted.count("still doubted") == 9
@@ -190,7 +192,10 @@ def test_the_state_fits_a_screen_and_verbose_prints_every_doubt(
 def test_each_doubt_of_a_pass_is_said_in_words_before_the_command_that_accepts_it(survey):
     """The line of the pass has the first one alone: of the other nobody heard why."""
     stops = stops_of("npp")
-    doubts = {3: message("window-step", step_um=4.0), 7: message("laser-frozen", same=20, count=41)}
+    doubts = {
+        3: message("window-step", step_um=4.0),
+        7: message("laser-frozen", same=20, count=41),
+    }
     for at, doubt in doubts.items():
         stops[at] = marked(stops[at], doubt)
     record(survey, 1, [*stops_of("ppp"), *stops])
@@ -230,7 +235,9 @@ def test_a_clock_that_was_never_set_is_named_until_the_time_is_stated(survey):
         ).refusal
     )
     assert (
-        stepdiag(*("2027-01-15T08:00+00:00" if word == "TIME" else word for word in command)).code
+        stepdiag(
+            *("2027-01-15T08:00+00:00" if word == "TIME" else word for word in command)
+        ).code
         == 0
     )
     said = told(survey)
@@ -309,7 +316,8 @@ def test_a_log_of_another_survey_among_them_is_named_and_does_not_count(survey, 
     )
     assert told(survey)["next_setup"] == "npp"
     assert (
-        "0002.mcap: another one: its stops are not counted here" in stepdiag("status", survey).out
+        "0002.mcap: another one: its stops are not counted here"
+        in stepdiag("status", survey).out
     )
 
 
@@ -338,7 +346,9 @@ def test_a_log_that_cannot_be_read_is_named_and_the_others_count(survey):
         {"time_s": 1e300},
     ],
 )
-def test_a_log_with_a_stop_that_no_pass_can_have_is_named_and_the_others_count(survey, damage):
+def test_a_log_with_a_stop_that_no_pass_can_have_is_named_and_the_others_count(
+    survey, damage
+):
     """`status` and `accept` ended in a traceback where a stop named no setup."""
     record(survey, 1, stops_of("ppp"))
     stops = stops_of("npp")

@@ -44,7 +44,8 @@ def test_init_writes_a_survey_that_validates_and_nothing_over_it(tmp_path: Path)
     written = path.read_bytes()
     assert b"\r" not in written
     with pytest.raises(
-        UsageError, match=r"survey\.toml: expected a new file, found a file that already exists"
+        UsageError,
+        match=r"survey\.toml: expected a new file, found a file that already exists",
     ):
         run("init", path)
     assert path.read_bytes() == written

@@ -49,7 +49,9 @@ def test_nothing_changed_is_said_so() -> None:
     """A result against itself: no difference, no change, the same volumetric error."""
     result = made_up_result(scales=True)
     same = compare(result, result)
-    assert all(change.difference == 0 and change.significant is False for change in same.changes)
+    assert all(
+        change.difference == 0 and change.significant is False for change in same.changes
+    )
     assert same.rms_before_um == same.rms_after_um
 
 
@@ -58,7 +60,9 @@ def test_chance_is_rarely_called_a_change() -> None:
     (k = 2), over all quantities."""
     random = np.random.default_rng(20)
     result = made_up_result(scales=False, reversal=False)
-    compared = [compare(noisy(result, random), noisy(result, random)).changes for _ in range(300)]
+    compared = [
+        compare(noisy(result, random), noisy(result, random)).changes for _ in range(300)
+    ]
     decided = [sum(change.verdict is not None for change in changes) for changes in compared]
     assert set(decided) == {12}
     called = np.mean([any(change.significant for change in changes) for changes in compared])
@@ -76,7 +80,8 @@ def test_a_change_of_three_u_is_never_called_unchanged() -> None:
             **result.squareness,
             "C0Y": replace(
                 result.squareness["C0Y"],
-                value=result.squareness["C0Y"].value + 6 * np.sqrt(2) * result.squareness["C0Y"].u,
+                value=result.squareness["C0Y"].value
+                + 6 * np.sqrt(2) * result.squareness["C0Y"].u,
             ),
         },
     )
@@ -158,7 +163,9 @@ def test_other_nodes_are_compared_where_both_cover() -> None:
     )
     change = next(
         one
-        for one in compare(before, replace(before, errors={**before.errors, "EYX": part})).changes
+        for one in compare(
+            before, replace(before, errors={**before.errors, "EYX": part})
+        ).changes
         if one.name == "EYX"
     )
     assert change.significant is False
@@ -181,7 +188,9 @@ def test_the_trend_follows_each_quantity() -> None:
     low, middle, high = by_name["volumetric error rms"].values
     assert low < middle < high
     assert by_name["scale X"].values == (None, None, None)
-    assert by_name["range of EYX"].values[2] == pytest.approx(2 * by_name["range of EYX"].values[0])
+    assert by_name["range of EYX"].values[2] == pytest.approx(
+        2 * by_name["range of EYX"].values[0]
+    )
 
 
 def test_the_command_prints_a_table_and_json(tmp_path: Path) -> None:
@@ -199,9 +208,12 @@ def test_the_command_prints_a_table_and_json(tmp_path: Path) -> None:
     document = json.loads(CliRunner().invoke(build(), ["compare", *paths, "--json"]).output)
     eyx = next(change for change in document["changes"] if change["name"] == "EYX")
     assert eyx["significant"] is True
-    assert document["volumetric_rms"].keys() == {"before_um", "after_um", "before", "after"}, (
-        "two intervals, and no factor"
-    )
+    assert document["volumetric_rms"].keys() == {
+        "before_um",
+        "after_um",
+        "before",
+        "after",
+    }, "two intervals, and no factor"
     assert len(document["trend"][0]["values"]) == 3
 
 
@@ -373,7 +385,9 @@ def test_as_left_says_the_figure_of_its_own_report(tmp_path: Path) -> None:
     both = (tmp_path / "before.json", tmp_path / "after.json")
     for path, result in zip(both, (saying(9.0, 11.0), saying(8.0, 9.5)), strict=True):
         path.write_text(result.to_json(), encoding="utf-8")
-    told = json.loads(stepdiag("compare", *both, "--out", tmp_path / "left.html", "--json").out)
+    told = json.loads(
+        stepdiag("compare", *both, "--out", tmp_path / "left.html", "--json").out
+    )
     for one in (
         told["volumetric_rms"]["after"],
         {
@@ -395,14 +409,17 @@ def test_as_left_of_a_smaller_volume_is_refused(tmp_path: Path, command: str) ->
     paths = tmp_path / "before.json", tmp_path / "after.json"
     for path, result in zip(paths, (before, half), strict=True):
         path.write_text(result.to_json(), encoding="utf-8")
-    arguments = {"compare": (paths[0], paths[1]), "report": (paths[0], "--as-left", paths[1])}[
-        command
-    ]
+    arguments = {
+        "compare": (paths[0], paths[1]),
+        "report": (paths[0], "--as-left", paths[1]),
+    }[command]
     told = stepdiag(command, *arguments, "--out", tmp_path / "left.html")
     assert told.code == 3
     assert "after.json: volume" in told.refusal
     assert not (tmp_path / "left.html").exists()
-    assert stepdiag("compare", *paths).code == 0, "what changed in what both cover is still said"
+    assert stepdiag("compare", *paths).code == 0, (
+        "what changed in what both cover is still said"
+    )
 
 
 def test_lengths_at_20_c_and_as_measured_are_not_compared():

@@ -24,7 +24,13 @@ from testkit.rates.sequels import SEVEN
 from testkit.running.survey_files import SMALLEST
 
 EMPTY = Sequel(
-    runs=(), end=True, now_um=1.2, then_um=1.15, minutes=40.0, at_most_um=0.14, angles_urad=None
+    runs=(),
+    end=True,
+    now_um=1.2,
+    then_um=1.15,
+    minutes=40.0,
+    at_most_um=0.14,
+    angles_urad=None,
 )
 SHIFTED = Run(setup="ppp+1", beam_offset_mm=(0.0, 0.0, 150.0))
 
@@ -85,7 +91,8 @@ def test_the_store_counts_as_a_folder_beside(file):
     found = stepdiag(*ahead)
     file.write_text(file.read_text().replace('archive = "works"\n', ""))
     usual, small = (
-        json.loads(each.out)["forecast"]["left_um"]["value"] for each in (found, stepdiag(*ahead))
+        json.loads(each.out)["forecast"]["left_um"]["value"]
+        for each in (found, stepdiag(*ahead))
     )
     assert small < 0.8 * usual
 

@@ -25,13 +25,19 @@ def named(values, *, expands=False, compensated=True, warm_c=WARM_C):
     }
     result = SimpleNamespace(scale=scales, lengths=SimpleNamespace(material_c=(warm_c,) * 3))
     return [
-        (found.severity, found.message.arguments["line"], found.message.arguments["reading"].key)
+        (
+            found.severity,
+            found.message.arguments["line"],
+            found.message.arguments["reading"].key,
+        )
         for found in one_scale(parse_survey(text, "survey.toml"), result)
     ]
 
 
 @pytest.mark.parametrize("own_um_m", [0.0, 20.0, 30.0])
-def test_scales_of_machine_and_expansion_alike_are_doubted_with_the_reading_that_tells(own_um_m):
+def test_scales_of_machine_and_expansion_alike_are_doubted_with_the_reading_that_tells(
+    own_um_m,
+):
     values = np.array([4.0, -7.0, 1.0]) + EXPANSION_UM_M + own_um_m
     expected = ("error", "machine.apply_expansion", "reading-expansion")
     assert named(values, expands=True) == [expected]

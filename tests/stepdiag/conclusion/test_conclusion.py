@@ -83,10 +83,16 @@ class TestTheLargestShare:
         shares = {"readings": 0.0, "wander": 0.0, "sizes of these": 4.0, source: 3.0}
         result = replace(
             made_result(),
-            budget=Budget(assumptions={}, shares={"volume": shares}, combined={"volume": 5.0}),
+            budget=Budget(
+                assumptions={}, shares={"volume": shares}, combined={"volume": 5.0}
+            ),
         )
         increments = result.volume.increments
-        said = [render(one, "en") for one in conclude(result).reached if one.key == "reach_largest"]
+        said = [
+            render(one, "en")
+            for one in conclude(result).reached
+            if one.key == "reach_largest"
+        ]
         assert len(said) == 1
         assert "36 %" in said[0]
         assert words.replace("20", f"{2 * increments}") in said[0]
@@ -107,22 +113,25 @@ class TestWhatIsWrong:
     def test_is_ranked_by_what_it_moves_the_tool(self) -> None:
         """25 urad over 400 mm are 10 µm; they come before 12 µm/m over 500 mm (6 µm) and after a
         shape of 16 um."""
-        result = replace(made_up_result(amplitude_um=8.0, scales=True), squareness=leaning(25.0))
+        result = replace(
+            made_up_result(amplitude_um=8.0, scales=True), squareness=leaning(25.0)
+        )
         ranked = contributions_of(result)
         assert [one.effect_um for one in ranked] == sorted(
             (one.effect_um for one in ranked), reverse=True
         )
         c0y = next(one for one in ranked if one.name == "C0Y")
         assert c0y.effect_um == pytest.approx(25.0 * 400.0 * 1e-3)
-        assert next(one for one in ranked if one.name == "scale X").effect_um == pytest.approx(
-            12.0 * 500.0 * 1e-3
-        )
+        assert next(
+            one for one in ranked if one.name == "scale X"
+        ).effect_um == pytest.approx(12.0 * 500.0 * 1e-3)
 
     @pytest.mark.parametrize(("value", "towards"), [(25.0, "−X"), (-25.0, "+X")])
     def test_says_which_way_an_axis_leans(self, value: float, towards: str) -> None:
         """dX = -C0Y y (contract 1): a positive C0Y takes the tool to -X as Y grows."""
         result = replace(
-            made_up_result(amplitude_um=0.0, u_um=0.01, reversal=False), squareness=leaning(value)
+            made_up_result(amplitude_um=0.0, u_um=0.01, reversal=False),
+            squareness=leaning(value),
         )
         (_, sentence), *_ = conclude(result).wrong
         assert f"C0Y, towards {towards}" in render(sentence, "en")
@@ -170,7 +179,8 @@ class TestReach:
         words = words_of(
             conclusion_document(
                 conclude(
-                    made_up_result(), [Export(controller="fanuc", reach=reach_of_json(document))]
+                    made_up_result(),
+                    [Export(controller="fanuc", reach=reach_of_json(document))],
                 )
             ),
             "en",
@@ -179,7 +189,9 @@ class TestReach:
         assert "A new measurement shows the result" in words["reached"][1]
 
     @given(st.floats(0.0, 500.0), st.floats(0.0, 500.0))
-    def test_the_written_interval_holds_the_computed_one(self, low: float, width: float) -> None:
+    def test_the_written_interval_holds_the_computed_one(
+        self, low: float, width: float
+    ) -> None:
         """Whatever the figures, what is read contains what was computed."""
         shown = Interval(value_um=low, low_um=low, high_um=low + width).shown()
         assert float(shown[0]) <= low + 1e-6
@@ -206,7 +218,9 @@ class TestReach:
             ),
         )
     )
-    def test_a_strange_prediction_is_none_rather_than_an_error(self, document: object) -> None:
+    def test_a_strange_prediction_is_none_rather_than_an_error(
+        self, document: object
+    ) -> None:
         """A result of a stranger may hold anything under ``predicted``."""
         assert reach_in(made_up_result(predicted=document)).rms_before.value_um >= 0.0
 
@@ -234,7 +248,8 @@ class TestWhatToLoad:
     def test_nothing_before_its_sign_test(self) -> None:
         """The next step is the sign test, and the control is named."""
         found = conclude(
-            made_up_result(scales=True), [Export(controller="siemens", untested=("EEC", "CEC"))]
+            made_up_result(scales=True),
+            [Export(controller="siemens", untested=("EEC", "CEC"))],
         )
         assert [render(one, "en") for one in found.load] == [
             "siemens: nothing before its sign test (EEC, CEC)."
@@ -249,13 +264,15 @@ class TestWhatToLoad:
                 Finding(code="contradiction-ambiguous", severity="error", text="ppp: 5 ppm"),
             ),
         )
-        assert render(conclude(broken, [Export(controller="siemens")]).next_step, "en").startswith(
-            "Repeat the passes"
-        )
+        assert render(
+            conclude(broken, [Export(controller="siemens")]).next_step, "en"
+        ).startswith("Repeat the passes")
 
     def test_a_refused_export_says_so(self) -> None:
         """Nothing of it is loaded."""
-        refusal = message("refusal", where="p.toml: machine.name", expected="'A'", found="'B'")
+        refusal = message(
+            "refusal", where="p.toml: machine.name", expected="'A'", found="'B'"
+        )
         why = message("refusal-with-code", refusal=refusal, code="other-machine")
         found = conclude(made_up_result(), [Export(controller="fanuc", refused=why)])
         assert str(why) in render(found.load[0], "en")
@@ -284,7 +301,9 @@ class TestNextStep:
         """Whoever drives them besides has all scales, squarenesses and functions."""
         bench = Bench(increments=3)
         exports = (
-            [Export(controller="siemens", refused="squareness.C0Y: found null")] if refused else []
+            [Export(controller="siemens", refused="squareness.C0Y: found null")]
+            if refused
+            else []
         )
         found = conclude(solve(bench.survey(setups)), exports)
         assert found.next_step.key == "next_runs"
@@ -319,7 +338,9 @@ class TestNextStep:
         """There is no further run to name."""
         lacking = {**leaning(5.0), "B0Z": Quantity(value=None, u=None)}
         result = replace(
-            made_up_result(scales=True), squareness=lacking, setups={name: {} for name in DIAGONALS}
+            made_up_result(scales=True),
+            squareness=lacking,
+            setups={name: {} for name in DIAGONALS},
         )
         assert conclude(result).next_step.key == "next_unknown"
 
@@ -341,13 +362,17 @@ class TestOnePlace:
         exported = exported_of(written)
         assert exported.concluded is not None
         concluded = conclude(result, [exported.concluded])
-        (tmp_path / "conclusion.json").write_text(conclusion_json(concluded), encoding="utf-8")
+        (tmp_path / "conclusion.json").write_text(
+            conclusion_json(concluded), encoding="utf-8"
+        )
         words = words_of(conclusion_in(tmp_path) or {}, "en")
         after = re.search(r"at best ([\d.]+) µm", words["reached"][1])
         assert after is not None
         assert after[1] in build_report(result, source="r", exported=[exported]).html
         line = next(
-            line for line in written.text.splitlines() if "without rigid motion, after" in line
+            line
+            for line in written.text.splitlines()
+            if "without rigid motion, after" in line
         )
         assert f" {after[1]} or more" in line
         (tmp_path / "result.json").write_text(result.to_json(), encoding="utf-8")
@@ -382,7 +407,9 @@ class TestOnePlace:
     def test_every_sentence_reads_in_every_language(self, result: Result) -> None:
         """No placeholder is left, German writes its comma, English its point."""
         document = json.loads(
-            conclusion_json(conclude(result, [Export(controller="siemens", untested=("EEC",))]))
+            conclusion_json(
+                conclude(result, [Export(controller="siemens", untested=("EEC",))])
+            )
         )
         for language in LANGUAGES:
             text = " ".join(
@@ -415,7 +442,8 @@ class TestBasis:
 
     def said(self, language="en", **extra):
         return words_of(
-            conclusion_document(conclude(replace(made_up_result(), **members(**extra)))), language
+            conclusion_document(conclude(replace(made_up_result(), **members(**extra)))),
+            language,
         )["basis"]
 
     def test_which_lengths_the_tables_correct(self) -> None:
@@ -442,14 +470,21 @@ class TestBasis:
     def test_the_file_says_the_same_as_the_result(self) -> None:
         """The index is some 1e-7: of the six decimals that a file keeps it left 0 ppm."""
         result = solve(Bench(increments=3).survey())
-        said, of_file = (conclude(each).basis for each in (result, parse_result(result.to_json())))
+        said, of_file = (
+            conclude(each).basis for each in (result, parse_result(result.to_json()))
+        )
         assert said == of_file
         assert any("0.2" in sentence.arguments.get("index_ppm", "") for sentence in of_file)
 
     def test_air_that_was_assumed_is_said_as_such(self) -> None:
-        conditions = {"air_temperature_c": [20.1, 20.4], "assumed": {"air_pressure_hpa": 1013.25}}
+        conditions = {
+            "air_temperature_c": [20.1, 20.4],
+            "assumed": {"air_pressure_hpa": 1013.25},
+        }
         (text,) = self.said(conditions=conditions)
-        assert "where no sensor measured it, p = 1013.25 hPa of the survey file was used" in text
+        assert (
+            "where no sensor measured it, p = 1013.25 hPa of the survey file was used" in text
+        )
         (text,) = self.said("de", conditions=conditions)
         assert "p = 1013,25 hPa aus der Vermessungsdatei" in text
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c", "material_c": None})
@@ -472,7 +507,8 @@ class TestWhatWasNotMeasured:
     SAID = "The interval is wide for this reason"
 
     @pytest.mark.parametrize(
-        ("setups", "said"), [(LINEAR, True), (DIAGONALS, True), ((*DIAGONALS, *LINEAR), False)]
+        ("setups", "said"),
+        [(LINEAR, True), (DIAGONALS, True), ((*DIAGONALS, *LINEAR), False)],
     )
     def test_makes_the_interval_wide_and_that_is_said(
         self, setups: tuple[str, ...], said: bool
@@ -539,7 +575,9 @@ class TestUnseenSlip:
                 linear_noise_um=noise_um,
                 angle_urad=2.0,
             )
-            readings = bench.survey((*DIAGONALS, *LINEAR), passes=passes, joined=len(passes) > 1)
+            readings = bench.survey(
+                (*DIAGONALS, *LINEAR), passes=passes, joined=len(passes) > 1
+            )
             result = solve(readings)
             assert "unknown_slip" in {each.key for each in conclude(result).unknown}
             sizes.append(result.unseen_slip.diagonals.half_um)
@@ -551,7 +589,8 @@ class TestUnseenSlip:
             told, alone = getattr(result, each), getattr(without, each)
             known = [name for name in alone if alone[name].u is not None]
             assert all(
-                np.all(np.asarray(told[name].u) >= np.asarray(alone[name].u)) for name in known
+                np.all(np.asarray(told[name].u) >= np.asarray(alone[name].u))
+                for name in known
             )
 
     def test_of_any_size_is_always_said(self) -> None:

@@ -49,9 +49,9 @@ def promised_and_true(one: Bench, folder: Path) -> tuple[Reach, float]:
         today=date(2026, 1, 1),
     )
     middles = (np.arange(INSIDE) + 0.5) / INSIDE
-    points = np.stack(np.meshgrid(middles, middles, middles), axis=-1).reshape(-1, 3) * np.asarray(
-        one.size_mm
-    )
+    points = np.stack(np.meshgrid(middles, middles, middles), axis=-1).reshape(
+        -1, 3
+    ) * np.asarray(one.size_mm)
     left = without_rigid_motion(
         result.volume,
         points,
@@ -62,7 +62,9 @@ def promised_and_true(one: Bench, folder: Path) -> tuple[Reach, float]:
     )
 
 
-def test_the_true_value_after_compensation_lies_in_the_interval_promised(tmp_path: Path) -> None:
+def test_the_true_value_after_compensation_lies_in_the_interval_promised(
+    tmp_path: Path,
+) -> None:
     """Over twelve machines, six in a usual run, all intervals but one hold it: k = 2, in 93 to 99 %
     (58 of 59 in a longer run, benchmarks/HONESTY.md).
 

@@ -38,7 +38,9 @@ def test_conclusion_holds_the_verdict_in_both_languages(judged: Result) -> None:
     document = conclusion_document(conclude(judged))
     english, german = (words_of(document, language)["verdict"] for language in ("en", "de"))
     assert english[0] == "As found: not conform."
-    assert english[1].endswith("tolerance 1 µm: not conform; probability of conformity < 1 %.")
+    assert english[1].endswith(
+        "tolerance 1 µm: not conform; probability of conformity < 1 %."
+    )
     assert german[0] == "Vorgefunden: nicht konform."
     assert "Toleranz 500 µrad: konform; Konformitätswahrscheinlichkeit > 99 %." in german[2]
     assert "After compensation, predicted:" in english[5]
@@ -56,13 +58,17 @@ def test_files_of_an_export_decide_what_is_predicted(judged: Result) -> None:
         Interval(value_um=v, low_um=0.9 * v, high_um=1.1 * v, within=float(v < 1))
         for v in (0.5, 2.0)
     )
-    reach = Reach(rms_before=large, largest_before=large, rms_after=small, largest_after=small)
+    reach = Reach(
+        rms_before=large, largest_before=large, rms_after=small, largest_after=small
+    )
     assert [one.verdict for one in judged_in(judged, reach).predicted] == ["conform"]
     assert [
         one.verdict for one in judged_in(judged, replace(reach, rms_after=large)).predicted
     ] == ["not_conform"]
     assert (
-        conclude(judged, [Export(controller="siemens", reach=reach)]).verdict[-1].arguments["limit"]
+        conclude(judged, [Export(controller="siemens", reach=reach)])
+        .verdict[-1]
+        .arguments["limit"]
         == "1"
     )
 
@@ -86,7 +92,9 @@ def test_tolerance_of_the_template_is_that_of_a_file() -> None:
         == {}
     )
     section = template()[
-        template().index("#[tolerance]") : template().index("# Compensation files to be written")
+        template().index("#[tolerance]") : template().index(
+            "# Compensation files to be written"
+        )
     ]
     switched = "\n".join(
         line.removeprefix("#") if line.startswith("#") and line[1] != " " else line
@@ -103,12 +111,23 @@ def test_tolerance_of_the_template_is_that_of_a_file() -> None:
     }
 
 
-def test_message_of_a_result_holds_every_judged_figure(judged: Result, tmp_path: Path) -> None:
+def test_message_of_a_result_holds_every_judged_figure(
+    judged: Result, tmp_path: Path
+) -> None:
     (tmp_path / "0001").mkdir()
     (tmp_path / "0001" / "result.json").write_text(judged.to_json(), encoding="utf-8")
-    survey = parse_survey(template().replace('compensation = "?"', 'compensation = "off"'), "s")
-    result = next(one for one in Watched(survey, tmp_path).now() if isinstance(one, ResultMessage))
-    assert [one.quantity for one in result.conformity] == ["volumetric_rms", "C0Y", "B0Z", "A0Z"]
+    survey = parse_survey(
+        template().replace('compensation = "?"', 'compensation = "off"'), "s"
+    )
+    result = next(
+        one for one in Watched(survey, tmp_path).now() if isinstance(one, ResultMessage)
+    )
+    assert [one.quantity for one in result.conformity] == [
+        "volumetric_rms",
+        "C0Y",
+        "B0Z",
+        "A0Z",
+    ]
     assert msgspec.json.decode(msgspec.json.encode(result), type=ResultMessage) == result
     assert isinstance(judged.conformity.as_found[0], Judged)
 

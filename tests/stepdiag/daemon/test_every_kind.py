@@ -56,7 +56,9 @@ def steps(signs, order, n=N):
 
 
 def moved(setup, offset):
-    return f'setups = []\n[[plan.beam_offset]]\nsetup = "{setup}"\noffset_mm = {list(offset)}\n'
+    return (
+        f'setups = []\n[[plan.beam_offset]]\nsetup = "{setup}"\noffset_mm = {list(offset)}\n'
+    )
 
 
 KINDS = {
@@ -80,7 +82,12 @@ KINDS = {
         (1, -1, 1),
     ),
     "a beam shifted by any amount": Kind(
-        moved("ppp", (0.0, 37.5, 0.0)), "ppp+1", 1, (0, 0, 0), (steps((1, 1, 1), "xyz"),), (1, 1, 1)
+        moved("ppp", (0.0, 37.5, 0.0)),
+        "ppp+1",
+        1,
+        (0, 0, 0),
+        (steps((1, 1, 1), "xyz"),),
+        (1, 1, 1),
     ),
     "a face diagonal": Kind(
         'setups = ["face-xz-pp"]\n',
@@ -133,14 +140,18 @@ def kind(request):
 
 def test_a_run_of_the_head_is_planned_programmed_shown_and_ranked():
     """Its own record, not readings: recorded in tests/system/recording/test_fourdof_survey.py."""
-    head = '[head]\nformat = "fourdof"\nport = "/dev/zero"\nid = "A"\ncalibration = "a.toml"\n'
+    head = (
+        '[head]\nformat = "fourdof"\nport = "/dev/zero"\nid = "A"\ncalibration = "a.toml"\n'
+    )
     survey = parse_survey(
         survey_text(n=N, size=SIZE.tolist(), setups=("ppp", "linear-x", "fourdof-x")) + head,
         "survey.toml",
     )
     about = replace(circumstances(survey), assumed=Assumptions())
     without = replace(survey.planned, runs=survey.planned.runs[:-1])
-    assert forecast(survey.planned, about).ahead.full[0] < forecast(without, about).ahead.full[0]
+    assert (
+        forecast(survey.planned, about).ahead.full[0] < forecast(without, about).ahead.full[0]
+    )
     assert "fourdof-x" in {run.setup for run in offered(survey.planned, about)}
     for control in CONTROLS:
         program = nc_programs(sequence_of(survey), control)[-1]
@@ -160,7 +171,8 @@ def survey_of(kind):
     return parse_survey(
         text.replace(
             "\0",
-            f"{settings}return_pass = false\ndwell_s = 0.8\n" + ("[[" + lines if lines else ""),
+            f"{settings}return_pass = false\ndwell_s = 0.8\n"
+            + ("[[" + lines if lines else ""),
         ),
         "survey.toml",
     )
@@ -209,9 +221,13 @@ def programmed(kind, survey):
             tuple(map(float, found))
             for found in re.findall(r"X([+-]?[\d.]+) Y([+-]?[\d.]+) Z([+-]?[\d.]+)", text)
         ]
-        driven = [place for number in range(len(kind.passes)) for place in stops_of(kind, number)]
+        driven = [
+            place for number in range(len(kind.passes)) for place in stops_of(kind, number)
+        ]
         stands = [
-            move for move in moves if any(np.allclose(move, place, atol=5e-4) for place in driven)
+            move
+            for move in moves
+            if any(np.allclose(move, place, atol=5e-4) for place in driven)
         ]
         assert np.allclose(stands, driven, atol=5e-4), control
         assert re.search(rf"\b{kind.code}\b", text), "the number that the machine shows"
@@ -222,7 +238,11 @@ def recorded_and_shown(kind, survey):
     unit = np.array(kind.along) * SIZE / np.linalg.norm(np.array(kind.along) * SIZE)
     for number in range(len(kind.passes)):
         (status,) = setup_statuses(survey, book, to_drive(survey, book))
-        assert (status.name, status.passes_done, status.state) == (kind.setup, number, "to-do")
+        assert (status.name, status.passes_done, status.state) == (
+            kind.setup,
+            number,
+            "to-do",
+        )
         drawn = geometry(survey.planned, (status,), kind.setup, 2 * number + 1)
         places = stops_of(kind, number)
         assert np.allclose(drawn.route_mm, places, atol=5e-3)

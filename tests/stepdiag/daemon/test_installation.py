@@ -33,7 +33,9 @@ def test_what_the_survey_needs_is_opened_and_nothing_else(root: Path) -> None:
     token as a credential, no network."""
     service("install", root)
     lines = (root / DROP_IN).read_text().splitlines()
-    assert [line.partition("=")[2] for line in lines if line.startswith("IPAddressAllow")] == [
+    assert [
+        line.partition("=")[2] for line in lines if line.startswith("IPAddressAllow")
+    ] == [
         "",
         "localhost",
         "192.168.4.20",
@@ -128,7 +130,9 @@ def test_the_plc_alone_is_reached(root: Path, changed: str, allowed: list[str]) 
     (root / "etc/stepdiag/mill.toml").write_text(text, encoding="utf-8")
     service("install", root)
     lines = (root / DROP_IN).read_text().splitlines()
-    assert [line.partition("=")[2] for line in lines if line.startswith("IPAddressAllow")] == [
+    assert [
+        line.partition("=")[2] for line in lines if line.startswith("IPAddressAllow")
+    ] == [
         "",
         "localhost",
         *allowed,

@@ -8,7 +8,9 @@ import pytest
 from stepdiag.base.errors import UsageError
 from stepdiag.daemon.program_places import at_its_places, places_of_program
 
-UNIT = (Path(__file__).parents[3] / "systemd" / "stepdiag@.service").read_text(encoding="utf-8")
+UNIT = (Path(__file__).parents[3] / "systemd" / "stepdiag@.service").read_text(
+    encoding="utf-8"
+)
 
 
 @pytest.fixture
@@ -27,7 +29,9 @@ def homes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_every_folder_on_the_way_to_the_python_is_named(homes: Path) -> None:
-    places = [place.relative_to(homes) for place in places_of_program() if homes in place.parents]
+    places = [
+        place.relative_to(homes) for place in places_of_program() if homes in place.parents
+    ]
     assert list(map(str, places)) == ["share/cpython-3.11", "share/cpython-3.11.9", "venv"]
 
 
@@ -39,7 +43,9 @@ def test_of_a_link_on_the_way_its_folder_alone_is_seen(homes: Path) -> None:
     (homes / "local/bin/python3.11").symlink_to("../../share/cpython-3.11/bin/python3.11")
     (homes / "venv/bin/python").unlink()
     (homes / "venv/bin/python").symlink_to(homes / "local/bin/python3.11")
-    places = [place.relative_to(homes) for place in places_of_program() if homes in place.parents]
+    places = [
+        place.relative_to(homes) for place in places_of_program() if homes in place.parents
+    ]
     assert list(map(str, places)) == [
         "local/bin",
         "share/cpython-3.11",
@@ -54,11 +60,15 @@ def test_a_whole_home_is_no_place_of_the_program(home: str) -> None:
         at_its_places(UNIT, [Path(home)], reachable=False)
 
 
-def test_the_systems_python_is_seen_anyway(homes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_systems_python_is_seen_anyway(
+    homes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sys, "base_prefix", "/usr")
     (homes / "venv/bin/python").unlink()
     (homes / "venv/bin/python").symlink_to("/usr/bin/python3.11")
-    assert [place for place in places_of_program() if Path("/usr") in (place, *place.parents)] == []
+    assert [
+        place for place in places_of_program() if Path("/usr") in (place, *place.parents)
+    ] == []
     assert homes / "venv" in places_of_program()
 
 
@@ -97,9 +107,13 @@ def test_a_place_that_a_unit_would_take_for_something_else_is_refused(place: str
         at_its_places(UNIT, [Path(place)], reachable=False)
 
 
-@pytest.mark.parametrize("closed", ["venv", "venv/bin", "share/cpython-3.11.9/bin/python3.11"])
+@pytest.mark.parametrize(
+    "closed", ["venv", "venv/bin", "share/cpython-3.11.9/bin/python3.11"]
+)
 def test_what_others_may_not_run_is_refused(homes: Path, closed: str) -> None:
     """The service's account is nobody's."""
     (homes / closed).chmod(0o750)
     with pytest.raises(UsageError, match=r"chmod -R o\+rX"):
-        at_its_places(UNIT, [place for place in places_of_program() if homes in place.parents])
+        at_its_places(
+            UNIT, [place for place in places_of_program() if homes in place.parents]
+        )

@@ -33,7 +33,8 @@ def test_the_broker_alone_is_reached_and_secrets_are_credentials(root: Path) -> 
         (root / f"etc/stepdiag/mill.{secret}").write_text("not-to-be-guessed")
     told = service("publish", root, *BROKER)
     assert all(
-        f"credential {each}: mill.{each} found" in told for each in ("mqtt-user", "mqtt-password")
+        f"credential {each}: mill.{each} found" in told
+        for each in ("mqtt-user", "mqtt-password")
     )
     assert lines(root, "IPAddressAllow") == ["", "localhost", "192.168.4.30"]
     assert lines(root, "SocketBindAllow") == []
@@ -85,7 +86,9 @@ def test_user_and_password_go_together(root: Path, kind: str, alone: str) -> Non
         if kind == "mqtt"
         else ("--opcua", "127.0.0.1", "--plain")
     )
-    told = stepdiag("service", "publish", root / "etc/stepdiag/mill.toml", "--root", root, *way)
+    told = stepdiag(
+        "service", "publish", root / "etc/stepdiag/mill.toml", "--root", root, *way
+    )
     assert (told.code, f"mill.{kind}-{alone} alone" in told.refusal) == (2, True), told
     assert not (root / UNIT).exists()
 
@@ -139,8 +142,12 @@ def test_it_goes_by_itself_or_with_its_survey(root: Path) -> None:
         (("--broker", "a", "--ca", "/etc/../home/me/ca.pem"), "below /etc"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(root: Path, options: tuple[str, ...], words: str) -> None:
-    told = stepdiag("service", "publish", root / "etc/stepdiag/mill.toml", "--root", root, *options)
+def test_what_cannot_be_meant_is_refused(
+    root: Path, options: tuple[str, ...], words: str
+) -> None:
+    told = stepdiag(
+        "service", "publish", root / "etc/stepdiag/mill.toml", "--root", root, *options
+    )
     assert (told.code, words in told.refusal) == (2, True), told
     assert not (root / UNIT).exists()
 

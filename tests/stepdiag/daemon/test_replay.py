@@ -27,11 +27,15 @@ def test_another_processors_last_digit_is_told_from_another_result(tmp_path):
     assert _verdict(live, result.encode(), rounded=False) == "identical"
     assert _verdict(live, moved(1e-6), rounded=False) == "rounded"
     assert _verdict(live, moved(0.01), rounded=False) == "different"
-    assert _verdict(written(tmp_path, b"no JSON"), result.encode(), rounded=False) == "different"
+    assert (
+        _verdict(written(tmp_path, b"no JSON"), result.encode(), rounded=False) == "different"
+    )
     assert _verdict(tmp_path / "none", b"", rounded=False) == "missing"
 
 
-def test_hashes_tables_and_last_digits_may_follow_a_rounded_result_and_nothing_else_may(tmp_path):
+def test_hashes_tables_and_last_digits_may_follow_a_rounded_result_and_nothing_else_may(
+    tmp_path,
+):
     hashes = [hashlib.sha256(data).hexdigest().encode() for data in (b"one", b"other")]
     live = written(
         tmp_path,

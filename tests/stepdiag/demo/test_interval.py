@@ -25,7 +25,8 @@ def test_the_interval_of_the_demo_holds_its_own_truth(tmp_path):
     config = read_config(bench)
     machine, box = build_machine(config), build_box(config)
     scatter = Scatter(
-        arrival_um=(config.machine.repeatability_um,) * 3, servo_um=(config.machine.servo_um,) * 3
+        arrival_um=(config.machine.repeatability_um,) * 3,
+        servo_um=(config.machine.servo_um,) * 3,
     )
     registers = PositionRegisters(
         shows=config.plc.positions,
@@ -35,12 +36,18 @@ def test_the_interval_of_the_demo_holds_its_own_truth(tmp_path):
     assert (scatter.arrival_um[0], registers.shows, box.decimals) == (0.5, "actual", 3), (
         "an ordinary machine"
     )
-    columns = {name: [] for name in ("stop", "position_mm", "reading_mm", "beam_mm", "time_s")}
+    columns = {
+        name: [] for name in ("stop", "position_mm", "reading_mm", "beam_mm", "time_s")
+    }
     setup, number, start_s = [], [], 0.0
     for name in SETUPS:
         for which in range(1, PASSES + 1):
             taken = Conditions(
-                noise_um=0.3, seed=len(setup), start_s=start_s, scatter=scatter, registers=registers
+                noise_um=0.3,
+                seed=len(setup),
+                start_s=start_s,
+                scatter=scatter,
+                registers=registers,
             )
             one = simulate_pass(machine, box, name, which, conditions=taken)
             start_s = float(one.time_s[-1]) + 10.0

@@ -22,7 +22,9 @@ class Hall:
     """A virtual machine that does at once what it is told."""
 
     told: list[str] = field(default_factory=list)
-    says: list[dict[str, str]] = field(default_factory=lambda: [{"event": "waiting", "setup": ""}])
+    says: list[dict[str, str]] = field(
+        default_factory=lambda: [{"event": "waiting", "setup": ""}]
+    )
 
     def poll(self) -> dict[str, str] | None:
         return self.says.pop(0) if self.says else None
@@ -40,7 +42,8 @@ def lacking(monkeypatch: pytest.MonkeyPatch, *setups: str) -> None:
         module,
         "standing_of",
         lambda _: SimpleNamespace(
-            next_setup=answers.pop(0) if len(answers) > 1 else answers[0], doubts=standing.doubts
+            next_setup=answers.pop(0) if len(answers) > 1 else answers[0],
+            doubts=standing.doubts,
         ),
     )
 

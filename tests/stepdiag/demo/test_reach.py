@@ -35,7 +35,9 @@ def surveyed(folder: Path, bench: Path) -> Result:
     truth = build_machine(read_config(bench)).truth(INCREMENTS)
     angles = {
         name: known.value_urad
-        for name, known in parse_angles((folder / "angles.csv").read_text(encoding="utf-8")).items()
+        for name, known in parse_angles(
+            (folder / "angles.csv").read_text(encoding="utf-8")
+        ).items()
     }
     errors = {name: truth.errors[name] for name in DISPLACEMENTS}
     return made_result(errors, squareness=truth.squareness_urad, angles=angles, volume=VOLUME)
@@ -73,7 +75,9 @@ def reached(
 def test_each_form_reaches_what_it_can_hold(reached: dict[str, Figures]) -> None:
     """From nothing over pitch tables, straightness lines, nine fitted tables and eight with
     products to the whole field."""
-    pitch, straight, few, products, *columns, whole = (reached[form.name].rms_um for form in FORMS)
+    pitch, straight, few, products, *columns, whole = (
+        reached[form.name].rms_um for form in FORMS
+    )
     nine, nothing = reached["siemens"].rms_um, reached["nothing"].rms_um
     assert nothing > pitch > straight > nine > products
     assert few < pitch

@@ -29,7 +29,9 @@ JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
     lambda inner: (
         st.lists(inner, max_size=3)
-        | st.dictionaries(st.sampled_from(["files", "format", "result.json", "x.mcap"]), inner)
+        | st.dictionaries(
+            st.sampled_from(["files", "format", "result.json", "x.mcap"]), inner
+        )
     ),
     max_leaves=8,
 )
@@ -249,7 +251,9 @@ class TestColumns:
             Path(store.path(INDEX)).write_bytes(sealed(to_parquet(table)))
             with pytest.raises(DataError, match=INDEX):
                 series_of(store)
-            assert refresh_index(store, most_loose=0) == 2, "an index that is damaged is made anew"
+            assert refresh_index(store, most_loose=0) == 2, (
+                "an index that is damaged is made anew"
+            )
         else:
             replace_table(store, to_parquet(table))
             with pytest.raises(DataError, match=store.tables()[0].folder):

@@ -39,7 +39,9 @@ def store(tmp_path: Path) -> Store:
 
 def everything_in(store: Store) -> list[str]:
     root = Path(store.root)
-    return sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
+    return sorted(
+        path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()
+    )
 
 
 def test_others_read_the_numbers_without_us(survey: Path, store: Store) -> None:
@@ -64,7 +66,9 @@ def test_others_read_the_numbers_without_us(survey: Path, store: Store) -> None:
     )
     assert [row[2] for row in rows] == result.errors["EXX"].position_mm.tolist()
     assert [row[3] for row in rows] == result.errors["EXX"].value.tolist()
-    assert {(row[0], row[5], row[6], row[7]) for row in rows} == {("Mill 7/ä", 1, "um", "crash")}
+    assert {(row[0], row[5], row[6], row[7]) for row in rows} == {
+        ("Mill 7/ä", 1, "um", "crash")
+    }
     assert rows[0][1] == int(added.place.year)
 
 
@@ -82,7 +86,9 @@ def test_every_file_is_there_with_its_hash_and_the_logs_replay(
         "logs are packed"
     )
     assert stepdiag("replay", folder / "0001.mcap", "--out", tmp_path / "again").code == 0
-    assert (tmp_path / "again/result.json").read_bytes() == (survey / "result.json").read_bytes()
+    assert (tmp_path / "again/result.json").read_bytes() == (
+        survey / "result.json"
+    ).read_bytes()
 
 
 def test_the_same_survey_twice_is_one(survey: Path, store: Store) -> None:
@@ -102,7 +108,9 @@ def test_other_results_of_the_same_logs_are_refused(
     other.mkdir()
     (other / "0001.mcap").write_bytes((survey / "0001.mcap").read_bytes())
     (other / "result.json").write_text(
-        (survey / "result.json").read_text(encoding="utf-8").replace('"estimate"', '"by hand"')
+        (survey / "result.json")
+        .read_text(encoding="utf-8")
+        .replace('"estimate"', '"by hand"')
     )
     before = everything_in(store)
     with pytest.raises(DataError, match="archived with these logs"):
@@ -217,7 +225,9 @@ def test_the_index_says_the_same_as_the_tables(store: Store) -> None:
 
 @pytest.mark.parametrize("name", [INDEX, "table"])
 @pytest.mark.parametrize("data", [b"", b"PAR1 nonsense PAR1", None])
-def test_damaged_and_foreign_tables_are_named(store: Store, name: str, data: bytes | None) -> None:
+def test_damaged_and_foreign_tables_are_named(
+    store: Store, name: str, data: bytes | None
+) -> None:
     write_history(store, "a", [1.0, 2.0])
     refresh_index(store, most_loose=0)
     place = store.tables()[0].table if name == "table" else INDEX
@@ -269,7 +279,9 @@ def test_a_store_of_another_kind_is_refused(tmp_path: Path, mark: str) -> None:
         Store(str(tmp_path))
 
 
-@pytest.mark.parametrize("address", ["nothing-here", "nosuchprotocol://x/y", "s3://bucket/x", ""])
+@pytest.mark.parametrize(
+    "address", ["nothing-here", "nosuchprotocol://x/y", "s3://bucket/x", ""]
+)
 def test_a_store_that_is_away_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
 ) -> None:

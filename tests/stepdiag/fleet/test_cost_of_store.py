@@ -33,7 +33,9 @@ ROWS = 1_000_000
 
 def by_turns(names: tuple[str, ...]) -> list[tuple[str, str]]:
     every = [
-        (door, name, at + turn) for turn, door in enumerate(DOORS) for at, name in enumerate(names)
+        (door, name, at + turn)
+        for turn, door in enumerate(DOORS)
+        for at, name in enumerate(names)
     ]
     return [(door, name) for door, name, turn in every if EVERY or turn % len(DOORS) == 0]
 
@@ -55,7 +57,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 
 def place_of(whole: dict[str, bytes], name: str) -> str:
-    return next(place for place in whole if place.startswith("store/") and place.endswith(name))
+    return next(
+        place for place in whole if place.startswith("store/") and place.endswith(name)
+    )
 
 
 @pytest.mark.parametrize(("door", "name"), by_turns(TEXTS))
@@ -119,5 +123,6 @@ def test_a_table_of_a_store_costs_no_more_than_it_may(
         if path.is_file()
     }
     assert not cost_of(
-        Door(DOORS[door], {}, "", lambda text, _: text, bytes_beside=placed), tmp_path / "again"
+        Door(DOORS[door], {}, "", lambda text, _: text, bytes_beside=placed),
+        tmp_path / "again",
     )

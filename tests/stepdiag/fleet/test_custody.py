@@ -35,7 +35,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     refresh_index(store, most_loose=0)
     (folder / "laboratory.toml").write_text('[laboratory]\nname = "Lab"\n', encoding="utf-8")
     told = stepdiag(
-        "certificate", survey, "--laboratory", folder / "laboratory.toml", "--out", folder / "c.xml"
+        "certificate",
+        survey,
+        "--laboratory",
+        folder / "laboratory.toml",
+        "--out",
+        folder / "c.xml",
     )
     assert told.code == 0, told.refusal
     shutil.rmtree(folder / "survey")
@@ -274,7 +279,10 @@ def test_survey_solved_anew_is_under_hashes_of_its_own(folder: Path) -> None:
     place = next(each for each in store.tables() if "Mill 7" in each.machine)
     text = (_survey(folder) / "result.json").read_text(encoding="utf-8")
     resolve._kept(
-        store, place, text, text.replace(f'"{json.loads(text)["software"]["version"]}"', '"99.0"')
+        store,
+        place,
+        text,
+        text.replace(f'"{json.loads(text)["software"]["version"]}"', '"99.0"'),
     )
     assert list(check(store)) == []
     anew = place._replace(software="99.0")

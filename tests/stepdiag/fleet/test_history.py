@@ -94,7 +94,10 @@ def test_what_is_not_alike_stands_apart_with_its_reason(other, why):
 
 
 def test_a_result_that_states_nothing_is_held_against_all():
-    assert [len(each.surveys) for each in history(Standing(), USUAL, Standing()).series] == [3, 3]
+    assert [len(each.surveys) for each in history(Standing(), USUAL, Standing()).series] == [
+        3,
+        3,
+    ]
 
 
 def test_another_volume_parts_the_figures_of_the_volume_and_brings_functions_to_the_common_part():
@@ -106,22 +109,33 @@ def test_another_volume_parts_the_figures_of_the_volume_and_brings_functions_to_
     assert function.nodes_mm.tolist() == [0, 125, 250]
     assert np.ptp(function.values, axis=0) == pytest.approx(0, abs=1e-6)
     assert [
-        (len(each.surveys), "" if each.other is None else str(each.other)) for each in volumetric
+        (len(each.surveys), "" if each.other is None else str(each.other))
+        for each in volumetric
     ] == [(2, ""), (2, "another volume")]
-    assert {each.verdict for each in trends_of(found.series, lambda *_: None)} == {"unchanged"}
+    assert {each.verdict for each in trends_of(found.series, lambda *_: None)} == {
+        "unchanged"
+    }
 
 
 def test_other_increments_are_no_change():
     found = history(
-        USUAL, USUAL, USUAL, USUAL, nodes=((0, 250, 500),) * 2 + ((0, 125, 250, 375, 500),) * 2
+        USUAL,
+        USUAL,
+        USUAL,
+        USUAL,
+        nodes=((0, 250, 500),) * 2 + ((0, 125, 250, 375, 500),) * 2,
     )
     assert found.series[0].nodes_mm.tolist() == [0, 250, 500]
-    assert {each.verdict for each in trends_of(found.series, lambda *_: None)} == {"unchanged"}
+    assert {each.verdict for each in trends_of(found.series, lambda *_: None)} == {
+        "unchanged"
+    }
 
 
 def test_a_sign_that_turned_is_found():
     """The range of the function stays."""
-    function, _ = trends_of(history(USUAL, USUAL, USUAL, factor=(1, 1, -1)).series, lambda *_: None)
+    function, _ = trends_of(
+        history(USUAL, USUAL, USUAL, factor=(1, 1, -1)).series, lambda *_: None
+    )
     assert function.verdict == "changed"
     assert np.ptp(function.series.shown[:, 0]) == pytest.approx(0, abs=1e-9)
 
@@ -135,7 +149,9 @@ def test_a_date_that_cannot_be_is_left_out_and_hides_nothing(year):
         times=(FIRST, datetime(year, 1, 1, tzinfo=FIRST.tzinfo), FIRST + QUARTER),
     )
     assert [len(each.surveys) for each in found.series] == [2, 2]
-    assert [str(each.why) for each in found.left_out] == [f"the date is impossible: {year}-01-01"]
+    assert [str(each.why) for each in found.left_out] == [
+        f"the date is impossible: {year}-01-01"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -155,7 +171,13 @@ def test_results_with_errors_and_clocks_that_were_never_set_are_left_out(wrong, 
 
 @pytest.mark.parametrize(
     "conditions",
-    ["", "[]", "7", '{"chain": 3, "volume_mm": "x", "errors": [null], "active": 1}', "{" * 5000],
+    [
+        "",
+        "[]",
+        "7",
+        '{"chain": 3, "volume_mm": "x", "errors": [null], "active": 1}',
+        "{" * 5000,
+    ],
 )
 def test_whatever_stands_in_the_conditions_is_no_traceback(conditions):
     about = About(
@@ -187,7 +209,10 @@ def test_a_damaged_table_hides_no_other_machine(tmp_path: Path):
     shown = stepdiag("trend", store.root)
     assert shown.code == 3
     assert "whole" in shown.out
-    assert json.loads(stepdiag("trend", store.root, "--json").out)["left_out"][0]["survey"] == table
+    assert (
+        json.loads(stepdiag("trend", store.root, "--json").out)["left_out"][0]["survey"]
+        == table
+    )
     sheet = tmp_path / "sheet.html"
     stepdiag("trend", store.root, "--report", sheet, "--language", "de")
     assert table in sheet.read_text(encoding="utf-8")
@@ -216,11 +241,14 @@ def test_tables_of_before_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert [point.value for point in series.points] == [5.0, 5.1]
 
 
-@pytest.mark.parametrize("volume", [[1, 2], [0] * 7, ["a"] * 6, [0, 0, 0, 500, 400, "x"], "500"])
+@pytest.mark.parametrize(
+    "volume", [[1, 2], [0] * 7, ["a"] * 6, [0, 0, 0, 500, 400, "x"], "500"]
+)
 def test_a_volume_that_no_result_has_is_none(volume):
     """A table that somebody altered hides no other survey."""
     assert [
-        len(each.surveys) for each in history(USUAL, replace(USUAL, volume_mm=volume), USUAL).series
+        len(each.surveys)
+        for each in history(USUAL, replace(USUAL, volume_mm=volume), USUAL).series
     ] == [3, 3]
 
 
@@ -241,7 +269,9 @@ def test_a_number_in_place_of_a_function_is_not_decided():
     ]
     tables = [
         (
-            table_of(About(survey=f"{number}", time=FIRST + number * QUARTER, **shared), each),
+            table_of(
+                About(survey=f"{number}", time=FIRST + number * QUARTER, **shared), each
+            ),
             f"place{number}",
         )
         for number, each in enumerate(rows)

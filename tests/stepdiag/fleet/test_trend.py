@@ -76,21 +76,34 @@ class TestChanges:
         assert len(verdicts) - verdicts.count(("unchanged", ())) <= 15
 
     def test_a_step_is_found_with_what_happened_before_it(self) -> None:
-        found = trend_of(made_series([5.0, 5.2, 4.9, 9.0, 9.1], surveys=quarterly(5, {3: "crash"})))
+        found = trend_of(
+            made_series([5.0, 5.2, 4.9, 9.0, 9.1], surveys=quarterly(5, {3: "crash"}))
+        )
         (step,) = found.steps
         assert (step.at, step.first, step.last, found.cause(step)) == (3, 2, 3, "crash")
         assert step.size == pytest.approx(9.05 - 5.0333, abs=1e-3)
         assert step.u == pytest.approx(0.5 * np.sqrt(1 / 3 + 1 / 2))
-        assert str(statements(found)[0]).endswith("between 2020-07-15 and 2020-10-14, after: crash")
+        assert str(statements(found)[0]).endswith(
+            "between 2020-07-15 and 2020-10-14, after: crash"
+        )
 
     def test_other_tables_are_a_cause(self) -> None:
-        found = trend_of(made_series([9.0, 9.1, 3.0], surveys=quarterly(3, active={2: ("abc",)})))
+        found = trend_of(
+            made_series([9.0, 9.1, 3.0], surveys=quarterly(3, active={2: ("abc",)}))
+        )
         (step,) = found.steps
-        assert (step.known, str(found.cause(step))) == (True, "other compensation files loaded")
+        assert (step.known, str(found.cause(step))) == (
+            True,
+            "other compensation files loaded",
+        )
 
     def test_without_uncertainty_nothing_is_claimed(self) -> None:
         found = trend_of(made_series([1.0, 50.0, 1.0], u=None), 10.0)
-        assert (found.verdict, found.explained.courses, found.leaving) == ("undecided", (), None)
+        assert (found.verdict, found.explained.courses, found.leaving) == (
+            "undecided",
+            (),
+            None,
+        )
 
     @pytest.mark.parametrize("event", ["", "crash"])
     def test_a_crash_between_two_visits_is_never_denied(self, event: str) -> None:
@@ -112,7 +125,12 @@ class TestChanges:
                 made_series(values, u=1.0, quantity=SQUARENESS, surveys=surveys), 1000.0
             )
             (step,) = found.explained.courses
-            assert (found.verdict, step.kind, step.first, step.last) == ("changed", "step", 2, 3)
+            assert (found.verdict, step.kind, step.first, step.last) == (
+                "changed",
+                "step",
+                2,
+                3,
+            )
             assert abs(step.size - size) < 4 * step.u
             assert found.leaving is None, "at once or gradually: no day follows from it"
 
@@ -154,7 +172,10 @@ class TestChanges:
         loads = {4 * number: (f"{number:012x}",) for number in range(1, 6)}
         found = trend_of(
             made_series(
-                values.tolist(), u=0.3, quantity=SQUARENESS, surveys=quarterly(24, active=loads)
+                values.tolist(),
+                u=0.3,
+                quantity=SQUARENESS,
+                surveys=quarterly(24, active=loads),
             ),
             20.0,
         )
@@ -164,11 +185,15 @@ class TestChanges:
         assert sum(step.known for step in found.steps) == 5
 
     @pytest.mark.parametrize("every", [1, 2, 3])
-    def test_tables_loaded_before_every_few_surveys_are_no_other_change(self, every: int) -> None:
+    def test_tables_loaded_before_every_few_surveys_are_no_other_change(
+        self, every: int
+    ) -> None:
         loads = {number: (f"{number:012x}",) for number in range(0, 12, every)}
         values = [5.0 * (number // every % 2) for number in range(12)]
         found = trend_of(
-            made_series(values, u=0.3, quantity=SQUARENESS, surveys=quarterly(12, active=loads))
+            made_series(
+                values, u=0.3, quantity=SQUARENESS, surveys=quarterly(12, active=loads)
+            )
         )
         assert {each.known for each in found.explained.courses} == {True}
 
@@ -181,9 +206,9 @@ class TestChanges:
         assert found.leaving is None
 
     def test_seasons_are_neither_steps_nor_a_line(self) -> None:
-        values = 5.0 * np.sin(2 * np.pi * np.arange(24) * 91 / 365.25) + np.random.default_rng(
-            8
-        ).normal(0, 0.5, 24)
+        values = 5.0 * np.sin(
+            2 * np.pi * np.arange(24) * 91 / 365.25
+        ) + np.random.default_rng(8).normal(0, 0.5, 24)
         found = trend_of(made_series(values.tolist(), u=0.5, quantity=SQUARENESS))
         assert [each.kind for each in found.explained.courses] == ["season"]
 
@@ -194,7 +219,9 @@ class TestChanges:
         for seed in range(100):
             dice = np.random.default_rng(seed)
             days = [
-                start + each for start in np.cumsum(dice.uniform(200, 900, 3)) for each in range(3)
+                start + each
+                for start in np.cumsum(dice.uniform(200, 900, 3))
+                for each in range(3)
             ]
             surveys = tuple(
                 Survey(time=FIRST + timedelta(days=float(each)), name=str(number))
@@ -206,7 +233,9 @@ class TestChanges:
                 made_series(values.tolist(), u=1.0, quantity=SQUARENESS, surveys=surveys)
             ).explained.courses
             seasons += any(each.kind == "season" for each in courses)
-            found += any(each.kind == "step" and each.first < at <= each.last for each in courses)
+            found += any(
+                each.kind == "step" and each.first < at <= each.last for each in courses
+            )
         assert seasons <= 8
         assert found >= 90
 
@@ -287,7 +316,9 @@ class TestLine:
         assert alone is not None
         assert shared is not None
         assert None not in (alone.earliest, alone.latest, shared.earliest, shared.latest)
-        assert shared.latest - shared.earliest > 4 * YEAR > 2 * (alone.latest - alone.earliest)  # type: ignore[operator]
+        assert (
+            shared.latest - shared.earliest > 4 * YEAR > 2 * (alone.latest - alone.earliest)
+        )  # type: ignore[operator]
 
     def test_a_signed_figure_leaves_below_and_a_magnitude_never(self) -> None:
         values = [-1.0 - number for number in range(8)]
@@ -368,7 +399,8 @@ class TestLine:
                 + dice.normal(0, 0.5, 20)
             )
             found = trend_of(
-                made_series(values.tolist(), u=0.5, quantity=SQUARENESS, surveys=surveys), 24.0
+                made_series(values.tolist(), u=0.5, quantity=SQUARENESS, surveys=surveys),
+                24.0,
             ).leaving
             if found is not None and found.earliest is not None:
                 asked += 1
@@ -412,17 +444,21 @@ def store(tmp_path: Path) -> Store:
     return store
 
 
-def test_the_commands_say_the_same_as_table_json_and_csv(store: Store, tmp_path: Path) -> None:
+def test_the_commands_say_the_same_as_table_json_and_csv(
+    store: Store, tmp_path: Path
+) -> None:
     options = ("trend", store.root, "--tolerance", f"{RMS}=12")
     found = {
-        each["machine"]: each for each in json.loads(stepdiag(*options, "--json").out)["series"]
+        each["machine"]: each
+        for each in json.loads(stepdiag(*options, "--json").out)["series"]
     }
     assert (found["still"]["verdict"], found["still"]["changes"]) == ("unchanged", [])
     assert found["crashed <b>"]["changes"][0]["cause"] == "crash & bang"
     assert found["crashed <b>"]["outside"] == "yes"
     assert found["drifts"]["leaving"]["likely"] is not None
     assert (
-        stepdiag(*options, "--csv", tmp_path / "t.csv", "--report", tmp_path / "t.html").code == 0
+        stepdiag(*options, "--csv", tmp_path / "t.csv", "--report", tmp_path / "t.html").code
+        == 0
     )
     rows = list(csv.DictReader(io.StringIO((tmp_path / "t.csv").read_text(encoding="utf-8"))))
     assert len(rows) == 15
@@ -439,7 +475,9 @@ def test_each_machine_has_the_tolerance_that_the_works_states_for_it(store: Stor
     def tolerances(*options: str) -> dict[str, float | None]:
         return {
             each["machine"]: each["tolerance"]
-            for each in json.loads(stepdiag("trend", store.root, "--json", *options).out)["series"]
+            for each in json.loads(stepdiag("trend", store.root, "--json", *options).out)[
+                "series"
+            ]
         }
 
     assert set(tolerances().values()) == {None}
@@ -475,9 +513,9 @@ def test_each_machine_has_the_tolerance_that_the_works_states_for_it(store: Stor
 def test_one_machine_and_unknown_ones(store: Store) -> None:
     assert {
         each["machine"]
-        for each in json.loads(stepdiag("trend", store.root, "--machine", "still", "--json").out)[
-            "series"
-        ]
+        for each in json.loads(
+            stepdiag("trend", store.root, "--machine", "still", "--json").out
+        )["series"]
     } == {"still"}
     assert (
         "valid names: crashed <b>, drifts, still"
@@ -487,15 +525,23 @@ def test_one_machine_and_unknown_ones(store: Store) -> None:
     assert stepdiag("trend", store.root, "--tolerance", f"{RMS}=-5").code == 2
 
 
-def test_the_sheet_has_one_picture_a_machine_worst_first_in_both_languages(store: Store) -> None:
+def test_the_sheet_has_one_picture_a_machine_worst_first_in_both_languages(
+    store: Store,
+) -> None:
     trends = trends_of(series_of(store), lambda *_: 12.0)
-    assert [machine for machine, _ in worst_first(trends)] == ["crashed <b>", "drifts", "still"]
+    assert [machine for machine, _ in worst_first(trends)] == [
+        "crashed <b>",
+        "drifts",
+        "still",
+    ]
     for language, title in (("en", "Machines over time"), ("de", "Maschinen im Verlauf")):
         sheet = fleet_html(trends, "store", language)  # type: ignore[arg-type]
         assert title in sheet
         assert sheet.count("<article") == sheet.count("<svg") == 3
         points = [
-            (each, point) for _, (each, *_) in worst_first(trends) for point in each.series.points
+            (each, point)
+            for _, (each, *_) in worst_first(trends)
+            for point in each.series.points
         ]
         said = re.findall(r'class="titled"[^>]*><title>([^<]+)</title>', sheet)
         figures = [
@@ -508,14 +554,18 @@ def test_the_sheet_has_one_picture_a_machine_worst_first_in_both_languages(store
         assert ("," in said[0].rpartition(" = ")[2]) == (language == "de")
         tables = [
             b64decode(each).decode()
-            for each in re.findall(r'href="data:text/csv;charset=utf-8;base64,([^"]+)"', sheet)
+            for each in re.findall(
+                r'href="data:text/csv;charset=utf-8;base64,([^"]+)"', sheet
+            )
         ]
         assert tables == [as_csv([each]) for _, (each, *_) in worst_first(trends)]
 
 
 def test_the_page_answers_here_and_to_nobody_elses_name(store: Store) -> None:
     app = create_app(
-        Sheets(store.state, lambda: (trends_of(series_of(store), lambda *_: 12.0), ()), "store"),
+        Sheets(
+            store.state, lambda: (trends_of(series_of(store), lambda *_: 12.0), ()), "store"
+        ),
         "en",
         "a token",
     )
@@ -531,7 +581,9 @@ def test_the_page_answers_nobody_without_the_token(
 ) -> None:
     monkeypatch.setattr("stepdiag.page.security.DELAY_S", 0.0)
     app = create_app(
-        Sheets(store.state, lambda: (trends_of(series_of(store), lambda *_: 12.0), ()), "store"),
+        Sheets(
+            store.state, lambda: (trends_of(series_of(store), lambda *_: 12.0), ()), "store"
+        ),
         "en",
         "a token",
     )

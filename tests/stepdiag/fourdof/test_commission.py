@@ -56,11 +56,14 @@ class Rig:
     def look(self, way_mm, moved_um, time_s, turn_urad=(0.0, 0.0), *, wobbled=0.0, lit=1.0):
         many = np.ones((len(time_s), 1))
         pose = stage_pose(
-            NEAR_MM + way_mm, 1e-3 * np.array(moved_um) * many, np.array(turn_urad) * many, STAND
+            NEAR_MM + way_mm,
+            1e-3 * np.array(moved_um) * many,
+            np.array(turn_urad) * many,
+            STAND,
         )
-        return self.head.channels(pose, time_s, lit * many[:, 0], wobbled * many[:, 0]).astype(
-            float
-        )
+        return self.head.channels(
+            pose, time_s, lit * many[:, 0], wobbled * many[:, 0]
+        ).astype(float)
 
     def stand(self, way_mm, moved_um, from_s, seconds, **how):
         time_s = from_s + np.arange(0.0, seconds, 0.02)
@@ -78,7 +81,8 @@ class Rig:
             for number, (end, axis, place) in enumerate(PLACES)
         ]
         wobbles = [
-            self.stand(end, (0.0, 0.0), 100.0 + end, 20.0, wobbled=1.0) for end in (0.0, TRAVEL_MM)
+            self.stand(end, (0.0, 0.0), 100.0 + end, 20.0, wobbled=1.0)
+            for end in (0.0, TRAVEL_MM)
         ]
         return [*jogs, *wobbles, self.stand(TRAVEL_MM, (0.0, 0.0), 2000.0, 5.0, lit=0.0)]
 
@@ -102,7 +106,11 @@ def test_every_field_lies_within_its_uncertainty(seed):
     rig = Rig(seed)
     done = rig.commissioned()
     found = dict(
-        zip(done.file.uncertainty.of, zip(done.found.value, done.found.u, strict=True), strict=True)
+        zip(
+            done.file.uncertainty.of,
+            zip(done.found.value, done.found.u, strict=True),
+            strict=True,
+        )
     )
     for name, true in true_fields(rig.optics).items():
         value, u = found[name]
@@ -131,7 +139,10 @@ def test_the_head_then_reads_what_a_target_does(seed):
     turned = np.column_stack([15.0 * np.cos(way / 250.0), 20.0 * np.sin(way / 300.0)])
     stops = zip(way, moved, turned, strict=True)
     channels = np.array(
-        [rig.look(z, m, 3000.0 + z + np.arange(0, 1, 0.02), t).mean(axis=0) for z, m, t in stops]
+        [
+            rig.look(z, m, 3000.0 + z + np.arange(0, 1, 0.02), t).mean(axis=0)
+            for z, m, t in stops
+        ]
     )
     seen = motion(channels, NEAR_MM + way, head)
     share = (way / TRAVEL_MM)[:, None]
@@ -200,7 +211,8 @@ def test_a_sum_at_its_end_and_a_clipped_spot_are_refused():
         position_mm=standings[4].position_mm, time_s=standings[4].time_s, channels=cut
     )
     with pytest.raises(
-        DataError, match=r"commission: qd: .*one leaves the others by 5\.\d %: its spot is clipped"
+        DataError,
+        match=r"commission: qd: .*one leaves the others by 5\.\d %: its spot is clipped",
     ):
         commission(standings, NEW, RUN, "z", "2026-11-26")
 
@@ -212,7 +224,9 @@ def test_a_curve_that_the_run_contradicts_is_refused():
         made.qd.x.coefficients_um, rel=0.01
     )
     double = AxisTable(
-        coefficients_um=tuple(2 * c for c in made.psd1.x.coefficients_um), low=-0.95, high=0.95
+        coefficients_um=tuple(2 * c for c in made.psd1.x.coefficients_um),
+        low=-0.95,
+        high=0.95,
     )
     with pytest.raises(
         DataError, match=r"commission: psd1.x: expected gains from 0.95 to 1.05, found 0\.50"

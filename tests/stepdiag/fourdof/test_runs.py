@@ -54,7 +54,9 @@ def survey(rest="", **changes):
         signals=survey_section("/dev/null1", rest=rest),
     )
     parsed = parse_survey(text, "survey.toml")
-    return msgspec.structs.replace(parsed, head=msgspec.structs.replace(parsed.head, **changes))
+    return msgspec.structs.replace(
+        parsed, head=msgspec.structs.replace(parsed.head, **changes)
+    )
 
 
 def captured(
@@ -73,8 +75,12 @@ def captured(
             for stop in range(N + 1):
                 now += 5.0
                 place = np.zeros((1, 3))
-                place[0, axis] = (stop if outward else N - stop) * (600.0, 400.0, 300.0)[axis] / N
-                counts = head_of(setup).channels(machine.pose(place), np.array([now]))[0][:channels]
+                place[0, axis] = (
+                    (stop if outward else N - stop) * (600.0, 400.0, 300.0)[axis] / N
+                )
+                counts = head_of(setup).channels(machine.pose(place), np.array([now]))[0][
+                    :channels
+                ]
                 book.add(
                     captured_stop(
                         setup,
@@ -133,7 +139,10 @@ def test_straightness_pitch_and_yaw_of_every_axis_are_found_through_a_drifting_b
     for name, (_, value) in mean_straightness(found).items():
         assert value == pytest.approx(truth.errors[name], abs=0.3), name
     assert [one.name for one in found.straightness] == [
-        name for axis in range(3) for _ in range(2) for name in STRAIGHT[2 * axis : 2 * axis + 2]
+        name
+        for axis in range(3)
+        for _ in range(2)
+        for name in STRAIGHT[2 * axis : 2 * axis + 2]
     ]
     assert {one.approach for one in found.straightness} == {1, -1}
     assert all(np.all((one.u_um > 0.1) & (one.u_um < 1.0)) for one in found.straightness)
@@ -164,7 +173,8 @@ def test_the_laser_may_give_the_distance():
     passes, truth = captured(wanted, laser=True)
     found = mean_straightness(evaluate_head(wanted, passes, FILES, {}))
     assert all(
-        value == pytest.approx(truth.errors[name], abs=0.3) for name, (_, value) in found.items()
+        value == pytest.approx(truth.errors[name], abs=0.3)
+        for name, (_, value) in found.items()
     )
     dark, _ = captured(wanted)
     with pytest.raises(
@@ -212,7 +222,9 @@ def test_a_calibration_that_is_not_finished_gives_no_result():
     passes, _ = captured(wanted)
     identity = HeadIdentity(id="4D-001", format="fourdof", date="2026-11-26", version=2)
     for changes in ({}, {"lever": None}, {"qd": DetectorTable()}):
-        unfinished = {"head.toml": render_head_file(head_file(head=identity, **changes)).encode()}
+        unfinished = {
+            "head.toml": render_head_file(head_file(head=identity, **changes)).encode()
+        }
         with pytest.raises(
             DataError,
             match=r"head.toml: .*nothing has measured .*next: `stepdiag fourdof commission`",
@@ -234,17 +246,23 @@ def test_a_spot_that_loses_a_fiftieth_of_its_light_is_named_and_not_used():
         cut = stop.setup == "fourdof-x" and stop.stop == 3
         book.add(
             msgspec.structs.replace(
-                stop, channels=(*stop.channels[:2], 0.98 * stop.channels[2], *stop.channels[3:])
+                stop,
+                channels=(*stop.channels[:2], 0.98 * stop.channels[2], *stop.channels[3:]),
             )
             if cut
             else stop
         )
     found = evaluate_head(wanted, book.passes, lit, {})
     assert {finding.code for finding in found.findings} == {"fourdof-out-of-range"}
-    assert all("one sum left the other two in 1 of 7" in finding.text for finding in found.findings)
+    assert all(
+        "one sum left the other two in 1 of 7" in finding.text for finding in found.findings
+    )
     assert (
         sum(len(one.position_mm) for one in found.straightness)
-        == sum(len(one.position_mm) for one in evaluate_head(wanted, passes, lit, {}).straightness)
+        == sum(
+            len(one.position_mm)
+            for one in evaluate_head(wanted, passes, lit, {}).straightness
+        )
         - 4
     )
 
@@ -304,7 +322,9 @@ def test_a_dark_pass_says_nothing_and_says_so():
     wanted = survey()
     passes, _ = captured(wanted)
     first = passes[0]
-    dark = [msgspec.structs.replace(stop, channels=(0.0,) * 9) for stop in first.chosen().values()]
+    dark = [
+        msgspec.structs.replace(stop, channels=(0.0,) * 9) for stop in first.chosen().values()
+    ]
     book = PassBook(wanted)
     for stop in [*dark, *(stop for each in passes[1:] for stop in each.chosen().values())]:
         book.add(stop)
@@ -352,14 +372,17 @@ def test_the_parallel_shift_of_the_source_is_in_the_uncertainty():
 def test_what_is_uncertain_of_the_levers_slope_counts_far_from_where_it_was_found():
     wanted = survey()
     passes, _ = captured(wanted, pointing=60.0)
-    sure = {"head.toml": render_head_file(head_file(lever=LeverTable(dead_path_mm=30.0))).encode()}
+    sure = {
+        "head.toml": render_head_file(head_file(lever=LeverTable(dead_path_mm=30.0))).encode()
+    }
     unsure = {
         "head.toml": render_head_file(
             head_file(lever=LeverTable(dead_path_mm=30.0, u_at_mm=300.0, u_scale=0.05))
         ).encode()
     }
     near, far = (
-        evaluate_head(wanted, passes, files, {}).straightness[0].u_um for files in (sure, unsure)
+        evaluate_head(wanted, passes, files, {}).straightness[0].u_um
+        for files in (sure, unsure)
     )
     assert far[0] == pytest.approx(near[0], rel=0.01)
     # 0.05 of 600 mm are 30 mm of lever; times some ten urad of drift

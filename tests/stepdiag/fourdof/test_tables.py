@@ -80,7 +80,9 @@ def imported(tmp_path_factory):
     rng = np.random.default_rng(60)
     for axis in EDGES:
         (folder / f"{axis}.csv").write_text(table(axis, rng))
-    named = [argument for axis in EDGES for each in mapped(axis) for argument in ("--map", each)]
+    named = [
+        argument for axis in EDGES for each in mapped(axis) for argument in ("--map", each)
+    ]
     tables = [f"linear-{axis}={folder / axis}.csv" for axis in EDGES]
     code, _, refusal = stepdiag(
         "import", *tables, "--map", "position=Ziel[mm]", *named, "--out", folder
@@ -107,7 +109,9 @@ def result(imported):
 @pytest.mark.parametrize("name", ["readings", "angles", "straightness"])
 def test_a_flipped_bit_of_what_was_imported_is_named(imported, name):
     """40 bits of each file: none becomes another figure, and none is silent."""
-    given = {each: imported / f"{each}.csv" for each in ("readings", "angles", "straightness")}
+    given = {
+        each: imported / f"{each}.csv" for each in ("readings", "angles", "straightness")
+    }
     rng = np.random.default_rng(7)
     for _ in range(40):
         with flipped(given[name], rng):
@@ -134,7 +138,8 @@ def test_tables_give_all_functions_as_they_are(result):
             if name[1] in "XYZ" and name[1] != name[2]:
                 exact = exact - np.interp(at, [0.0, 1.0], [function(0.0), function(1.0)])
             near += list(
-                np.abs(value - (exact - exact[0]))[1:-1] < 2.5 * np.array(found["u"])[1:-1] + 0.02
+                np.abs(value - (exact - exact[0]))[1:-1]
+                < 2.5 * np.array(found["u"])[1:-1] + 0.02
             )
     assert len(near) == 3 * 6 * 9
     assert np.mean(near) > 0.93
@@ -152,7 +157,9 @@ def test_tables_end_in_the_tables_of_a_control(imported, result):
         axis.format(name=name.upper(), place=place, edge=EDGES[name])
         for place, name in enumerate(EDGES, start=1)
     )
-    (imported / "machine.toml").write_text(PROFILE + axes + "[siemens]\nmeasuring_system = 1\n")
+    (imported / "machine.toml").write_text(
+        PROFILE + axes + "[siemens]\nmeasuring_system = 1\n"
+    )
     files = imported / "files"
     code, out, refusal = stepdiag(
         "export",
@@ -172,7 +179,9 @@ def test_tables_end_in_the_tables_of_a_control(imported, result):
 
 
 def test_each_function_keeps_its_own_uncertainty(imported):
-    rows = [line.split(",") for line in (imported / "angles.csv").read_text().splitlines()[1:]]
+    rows = [
+        line.split(",") for line in (imported / "angles.csv").read_text().splitlines()[1:]
+    ]
     u = (
         {float(row[5]) for row in rows if row[0] == "x" and row[2]},
         {float(row[5]) for row in rows if row[0] == "x" and row[3]},
@@ -197,9 +206,13 @@ def test_passes_are_parted_where_the_axis_turns(turns, count, falls):
         rows += targets[1:] if turn == "single" else targets
         expected.append(targets)
     text = "p,e\n" + "\n".join(f"{row},0.5" for row in rows)
-    found = parse_run(text, "linear-x", columns_named(["position=p[mm]", "EXX=e[um]"]), "t.csv")
+    found = parse_run(
+        text, "linear-x", columns_named(["position=p[mm]", "EXX=e[um]"]), "t.csv"
+    )
     numbers = list(dict.fromkeys(found.number.tolist()))
-    assert [found.position_mm[found.number == number].tolist() for number in numbers] == expected
+    assert [
+        found.position_mm[found.number == number].tolist() for number in numbers
+    ] == expected
     assert all(
         (targets[0] < targets[-1]) == (number % 2 == 1)
         for targets, number in zip(expected, numbers, strict=True)

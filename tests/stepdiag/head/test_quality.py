@@ -62,7 +62,9 @@ def standing(
     still = np.zeros((len(time), 2))
     return HeadRecord(
         time_s=time,
-        channels=head.channels(stage_pose(distance_mm, still, still, BENCH), time).astype(float),
+        channels=head.channels(stage_pose(distance_mm, still, still, BENCH), time).astype(
+            float
+        ),
     )
 
 
@@ -86,7 +88,10 @@ def far_file(distance_mm):
             "qd",
             axis,
             AxisTable(
-                kind="erf", coefficients_um=(0.0, 1e3 * radius / math.sqrt(2)), low=-0.9, high=0.9
+                kind="erf",
+                coefficients_um=(0.0, 1e3 * radius / math.sqrt(2)),
+                low=-0.9,
+                high=0.9,
             ),
         )
     return file
@@ -112,7 +117,9 @@ def test_a_noisy_drift_detector_makes_nothing_worse():
     found = stability_of(record, far_file(8000.0), 8000.0, 1.0)
     means = record.averaged(1.0)
     word = motion(means.channels, 8000.0, head_of(far_file(8000.0)))
-    assert np.std(np.diff(word.drift_urad, axis=0)) / np.sqrt(2.0) == pytest.approx(1.7, rel=0.1)
+    assert np.std(np.diff(word.drift_urad, axis=0)) / np.sqrt(2.0) == pytest.approx(
+        1.7, rel=0.1
+    )
     assert np.ptp(word.straightness_um, axis=0).min() > 67.0
     for axis in "xy":
         assert (
@@ -120,7 +127,8 @@ def test_a_noisy_drift_detector_makes_nothing_worse():
             < 0.75 * found[f"straightness {axis}"].raw_fluctuation
         )
         assert (
-            found[f"angle {axis}"].compensated_fluctuation < found[f"angle {axis}"].raw_fluctuation
+            found[f"angle {axis}"].compensated_fluctuation
+            < found[f"angle {axis}"].raw_fluctuation
         )
 
 
@@ -153,7 +161,9 @@ def calibrated(distance_mm=500.0):
         shift[:, column] = np.linspace(-650.0, 650.0, 27)
         channels = at(distance_mm, shift)
         run = StageRun(
-            reading=channels[:, column] / channels[:, 2], reference=shift[:, column], unit="um"
+            reading=channels[:, column] / channels[:, 2],
+            reference=shift[:, column],
+            unit="um",
         )
         fits["qd", axis] = calibrate_axis(run, "qd", file, degree=5, u_reference=0.1)
         turn = np.zeros((25, 2))
@@ -195,9 +205,9 @@ def test_comparison_residuals_are_within_the_published_ones():
         OPTICS, BENCH, stage_pose(300.0, STILL, STILL, BENCH), disturbance=wander, seed=3
     )
     rows = [
-        head.channels(stage_pose(300.0 + p, 1e-3 * s[None], a[None], BENCH), np.array([60.0 * i]))[
-            0
-        ]
+        head.channels(
+            stage_pose(300.0 + p, 1e-3 * s[None], a[None], BENCH), np.array([60.0 * i])
+        )[0]
         for i, (p, s, a) in enumerate(zip(position, shift, turn, strict=True))
     ]
     seen = motion(np.array(rows, dtype=float), 300.0 + position, head_of(file))

@@ -26,7 +26,9 @@ LOADED = {"siemens": ".INI", "mitsubishi": "_SIGN.txt"}
 HARM: dict[str, Callable[[Path, Path], object]] = {
     "altered": lambda _, table: table.write_bytes(table.read_bytes().replace(b"1", b"2")),
     "missing": lambda _, table: table.unlink(),
-    "too much": lambda folder, table: (folder / f"b{table.name}").write_bytes(table.read_bytes()),
+    "too much": lambda folder, table: (folder / f"b{table.name}").write_bytes(
+        table.read_bytes()
+    ),
     "no list": lambda folder, _: (folder / SUMS).unlink(),
     "another list": lambda folder, _: (folder / SUMS).write_text("x"),
 }
@@ -83,7 +85,9 @@ def test_a_whole_set_is_handed_over(
     exported: Path, asked: Callable[[str], tuple[int, bytes]]
 ) -> None:
     table = f"exports-{exported.name}-{table_in(exported).name}"
-    assert {table, f"{exported.name}.zip", f"{exported.name}-restore.zip"} <= set(listed(asked))
+    assert {table, f"{exported.name}.zip", f"{exported.name}-restore.zip"} <= set(
+        listed(asked)
+    )
     assert asked(f"/download/{table}") == (200, table_in(exported).read_bytes())
     assert asked(f"/download/{exported.name}.zip")[1].startswith(b"PK")
 
@@ -100,7 +104,9 @@ def test_a_set_that_is_not_as_it_was_written_is_not(
     assert [name for name in listed(asked) if exported.name in name] == [
         f"exports-{exported.name}-{REFUSED}"
     ]
-    assert {name: asked(f"/download/{name}")[0] for name in names} == dict.fromkeys(names, 404)
+    assert {name: asked(f"/download/{name}")[0] for name in names} == dict.fromkeys(
+        names, 404
+    )
 
 
 def test_a_set_that_is_altered_while_it_is_fetched_is_refused(
@@ -140,7 +146,9 @@ def test_a_set_whose_disk_goes_away_is_refused_and_no_folder_of_the_service_is_t
         assert str(tmp_path).encode() not in told
 
     def altered(*_: object, **__: object) -> bytes:
-        raise SafetyError(str(exported), code="set-altered", expected="the bytes", found="others")
+        raise SafetyError(
+            str(exported), code="set-altered", expected="the bytes", found="others"
+        )
 
     monkeypatch.setattr(page_app, "zip_of", altered)
     status, told = asked(place)

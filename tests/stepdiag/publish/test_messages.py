@@ -30,7 +30,9 @@ ALONE = SURVEY[: SURVEY.index("[[export]]")]
 
 @pytest.fixture
 def survey() -> Survey:
-    return parse_survey(SURVEY.replace('machine = "virtual"', 'machine = "Mill/+#7"'), "s.toml")
+    return parse_survey(
+        SURVEY.replace('machine = "virtual"', 'machine = "Mill/+#7"'), "s.toml"
+    )
 
 
 @pytest.fixture
@@ -60,9 +62,13 @@ def test_the_numbers_are_those_of_the_result(watched: Watched, tmp_path: Path) -
     assert {
         row.quantity: row.value for row in result.rows if row.quantity in solved.squareness
     } == {
-        name: number.value for name, number in solved.squareness.items() if number.value is not None
+        name: number.value
+        for name, number in solved.squareness.items()
+        if number.value is not None
     }
-    assert [each.code for each in findings.findings] == [each.code for each in solved.findings]
+    assert [each.code for each in findings.findings] == [
+        each.code for each in solved.findings
+    ]
 
 
 def test_every_message_is_read_by_its_schema_and_no_other_form_is(watched: Watched) -> None:
@@ -70,12 +76,20 @@ def test_every_message_is_read_by_its_schema_and_no_other_form_is(watched: Watch
     encoded = [msgspec.json.encode(each) for each in said]
     assert [msgspec.json.decode(each, type=Message) for each in encoded] == said
     names = {msgspec.json.decode(each)["schema"] for each in encoded}
-    assert names == set(schemas()) == set(msgspec.json.decode(stepdiag("publish", "--schema").out))
+    assert (
+        names
+        == set(schemas())
+        == set(msgspec.json.decode(stepdiag("publish", "--schema").out))
+    )
     with pytest.raises(msgspec.ValidationError):
-        msgspec.json.decode(encoded[0].replace(b"stepdiag-state", b"stepdiag-result"), type=Message)
+        msgspec.json.decode(
+            encoded[0].replace(b"stepdiag-state", b"stepdiag-result"), type=Message
+        )
 
 
-def test_a_result_is_read_anew_when_its_file_is_another(watched: Watched, tmp_path: Path) -> None:
+def test_a_result_is_read_anew_when_its_file_is_another(
+    watched: Watched, tmp_path: Path
+) -> None:
     before = list(watched.now())
     path = tmp_path / "0002" / "result.json"
     path.write_bytes(path.read_bytes() + b"\n")
@@ -134,13 +148,19 @@ def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
         (("--opcua", "127.0.0.1"), "found neither"),
         (("--opcua", "127.0.0.1", "--certificate", "x.pem"), "found one of the two"),
         (("--opcua", "127.0.0.1", "--certificate", "x.pem", "--key", "k"), "--key"),
-        (("--opcua", "127.0.0.1", "--certificate", "nowhere.pem", "--key", "p"), "nowhere.pem"),
+        (
+            ("--opcua", "127.0.0.1", "--certificate", "nowhere.pem", "--key", "p"),
+            "nowhere.pem",
+        ),
         (
             ("--opcua", "127.0.0.1", "--certificate", "s.toml", "--key", "p"),
             "a certificate and its key",
         ),
         (("--opcua", "127.0.0.1", "--certificate", "x.pem", "--key", "open"), "chmod 600"),
-        (("--opcua", "127.0.0.1", "--certificate", "x.pem", "--key", "p", "--plain"), "found both"),
+        (
+            ("--opcua", "127.0.0.1", "--certificate", "x.pem", "--key", "p", "--plain"),
+            "found both",
+        ),
         (("--opcua", "127.0.0.1:0", "--plain"), "HOST:PORT"),
         (("--opcua", "::1", "--plain"), "[ADDRESS]:PORT"),
         (("--opcua", "127.0.0.1", "--plain", "--once"), "without --once"),
@@ -156,7 +176,10 @@ def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
         (("--broker", "a:0000001883"), "HOST:PORT"),
         (("--broker", "[::1]:x"), "HOST:PORT"),
         (("--broker", "[::1]:1883:1"), "HOST:PORT"),
-        (("--broker", "[fd00::1]:1883", "--plain", "--password-file", "p"), "broker fd00::1:"),
+        (
+            ("--broker", "[fd00::1]:1883", "--plain", "--password-file", "p"),
+            "broker fd00::1:",
+        ),
         (("--broker", "a", "--topic", "a/#"), "a topic without"),
         (
             ("--broker", "a", "--plain", "--password-file", "p"),

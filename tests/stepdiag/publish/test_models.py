@@ -24,7 +24,8 @@ HASHES = {
 
 def test_the_nodesets_are_unchanged() -> None:
     found = {
-        path.name: hashlib.sha256(path.read_bytes()).hexdigest()[:32] for path in FOLDER.iterdir()
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()[:32]
+        for path in FOLDER.iterdir()
     }
     assert found == {f"{name}.NodeSet2.xml": HASHES[name] for name in ORDER}
 
@@ -45,9 +46,9 @@ def test_every_node_of_the_results_is_there_as_published() -> None:
             if "NodeId" not in each.attrib or kind == each.tag:
                 continue
             node = server.get_node(_id(each.attrib["NodeId"], index))
-            assert (await node.read_browse_name()).Name == each.attrib["BrowseName"].removeprefix(
-                "1:"
-            )
+            assert (await node.read_browse_name()).Name == each.attrib[
+                "BrowseName"
+            ].removeprefix("1:")
             assert (await node.read_node_class()).name == kind
             if kind in ("Variable", "VariableType"):
                 named = each.get("DataType", "i=24")

@@ -59,7 +59,9 @@ def test_every_printed_figure_agrees(
                 printed
             ) >= 1
     terminal = quantity_table(result)
-    assert [next(iter(column.cells)).replace("-", "−") for column in terminal.columns[1:3]] == [
+    assert [
+        next(iter(column.cells)).replace("-", "−") for column in terminal.columns[1:3]
+    ] == [
         value,
         expanded,
     ]

@@ -96,7 +96,8 @@ def test_the_report_needs_nothing_else() -> None:
 def test_the_same_result_gives_the_same_bytes(language: str) -> None:
     """No clock, no order of a set, no address of the machine goes into it."""
     first, second = (
-        build_report(made_up_result(), source="result.json", language=language) for _ in range(2)
+        build_report(made_up_result(), source="result.json", language=language)
+        for _ in range(2)
     )
     assert first.html == second.html
     assert f'<html lang="{language}">' in first.html
@@ -117,7 +118,8 @@ def test_what_a_stranger_wrote_stays_text() -> None:
     object.__setattr__(result, "findings", (hostile,))
     exported = [
         Exported(
-            controller=HOSTILE, files=(ExportedFile(name=HOSTILE, size_bytes=1, sha256=HOSTILE),)
+            controller=HOSTILE,
+            files=(ExportedFile(name=HOSTILE, size_bytes=1, sha256=HOSTILE),),
         )
     ]
     outline = Outline(build_report(result, source=HOSTILE, exported=exported).html)
@@ -181,7 +183,9 @@ def drawn_points(figure: Figure) -> int:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Language) -> None:
+def test_every_figure_says_its_values_under_the_pointer_and_as_csv(
+    language: Language,
+) -> None:
     """Whatever is drawn in the document has a value at each of its points, in the numbers of the
     language, and its CSV beside it."""
     result, readings = golden()
@@ -218,20 +222,31 @@ def test_budget_is_one_table_of_three_largest_sources(language: Language) -> Non
     U."""
     sources = {"reading": 0.4, "air": 0.3, "drift": 0.1, "wander": 0.05}
     budget = {
-        "shares": dict.fromkeys(("EXX", "X", SCALE_SUM, *(kind("EXX") for kind in KINDS)), sources)
+        "shares": dict.fromkeys(
+            ("EXX", "X", SCALE_SUM, *(kind("EXX") for kind in KINDS)), sources
+        )
     }
     result = replace(made_up_result(), **members(budget=budget))
     words = {**catalogue("common", language), **catalogue("report", language)}
     table = budget_table(result, {"EXX": "um", "X": "um/m", SCALE_SUM: "um"}, words)
     assert table is not None
-    english = {"sloped EXX", "shape EXX", "reversal EXX", "backlash EXX", "scale of X", "scale sum"}
-    assert english & {row[0] for row in table.rows} == (english if language == "en" else set())
+    english = {
+        "sloped EXX",
+        "shape EXX",
+        "reversal EXX",
+        "backlash EXX",
+        "scale of X",
+        "scale sum",
+    }
+    assert english & {row[0] for row in table.rows} == (
+        english if language == "en" else set()
+    )
     assert sorted(row[1] for row in table.rows) == sorted(
         ["1.0 µm"] * (2 + len(KINDS)) + ["1.0 µm/m"]
     )
-    assert {tuple(re.sub(r"\D+", " ", cell).strip() for cell in row[2:]) for row in table.rows} == {
-        ("61", "34", "4")
-    }
+    assert {
+        tuple(re.sub(r"\D+", " ", cell).strip() for cell in row[2:]) for row in table.rows
+    } == {("61", "34", "4")}
     assert budget_table(made_up_result(), {}, words) is None
 
 
@@ -248,7 +263,9 @@ def test_report_to_be_signed_names_number_persons_and_what_is_not_stated(
     language: Language,
 ) -> None:
     words = catalogue("report", language)
-    html = build_report(made_up_result(), source="r", laboratory=LABORATORY, language=language).html
+    html = build_report(
+        made_up_result(), source="r", laboratory=LABORATORY, language=language
+    ).html
     seen = Outline(html).words
     for text in (
         "2026/'0042\\",
@@ -261,7 +278,9 @@ def test_report_to_be_signed_names_number_persons_and_what_is_not_stated(
         words["signature"],
     ):
         assert text in seen
-    assert seen.count(words["compensation_unstated"]) >= 3, "serial number, operator, role of B"
+    assert seen.count(words["compensation_unstated"]) >= 3, (
+        "serial number, operator, role of B"
+    )
     assert "content: '2026\\00002f\\0000270042\\00005c'" in html, (
         "no character of the number ends the string of the style"
     )
@@ -340,7 +359,9 @@ def test_every_state_stands_beside_its_tolerance(tmp_path: Path) -> None:
     assert "Range of EYX" in by_name
     plain = effect_table(solved(1), conclude(solved(1)).reach, None, words, "en")
     assert plain is not None
-    assert {len(row) for row in plain.rows} == {4}, "without a tolerance there is no word of it"
+    assert {len(row) for row in plain.rows} == {4}, (
+        "without a tolerance there is no word of it"
+    )
     html = build_report(before, source="r", left=left).html
     assert re.search(r"worst [0-9]", html) is None
 
@@ -385,7 +406,9 @@ def test_the_prediction_is_what_the_tables_leave() -> None:
         return -0.8 * error_field_um(result, points) + np.array([3.0, -2.0, 1.0])
 
     field = field_of(result, four_fifths)
-    before, after = (np.linalg.norm(field[when], axis=1) for when in ("before_um", "after_um"))
+    before, after = (
+        np.linalg.norm(field[when], axis=1) for when in ("before_um", "after_um")
+    )
     assert after.max() == pytest.approx(before.max() / 5)
     html = build_report(
         result,
@@ -414,7 +437,9 @@ def test_figures_of_the_standards_stand_in_the_report_with_their_uncertainty() -
             for row, setup in enumerate(readings.setup)
             if setup == name and readings.stop[row] % 3 == 0
         ]
-        way = np.linalg.norm(readings.position_mm[rows] - readings.position_mm[rows[0]], axis=1)
+        way = np.linalg.norm(
+            readings.position_mm[rows] - readings.position_mm[rows[0]], axis=1
+        )
         assert figures[name][0].E_up == pytest.approx(
             np.ptp(readings.reading_mm[rows] - way) * 1e3, abs=1e-6
         )
@@ -450,7 +475,9 @@ def test_the_readings_are_drawn_with_the_return_hung_on() -> None:
         for one in setup_figures(layout_of(returned, result), catalogue("report", "en"), "en")
         if one.name == "setup-ppp"
     )
-    there, back_again = (re.findall(rf'class="line s{order}"', figure.drawing) for order in (0, 1))
+    there, back_again = (
+        re.findall(rf'class="line s{order}"', figure.drawing) for order in (0, 1)
+    )
     assert len(there) == len(back_again) == 2
     paths = re.findall(r'<path d="M([^"]+)" class="line s[01]"/>', figure.drawing)[:2]
     assert paths[0].split("L") == paths[1].split("L")[::-1]
@@ -597,7 +624,9 @@ def test_a_german_report_writes_commas_and_keeps_versions_and_hashes() -> None:
 def test_a_wavelength_keeps_its_digits() -> None:
     """633 nm is another laser than 632.991 nm: a certificate says what was used."""
     result = made_up_result(survey={"machine": "VM 500", "wavelength_nm": 632.991})
-    rows = facts_table(result, {**catalogue("common", "en"), **catalogue("report", "en")}).rows
+    rows = facts_table(
+        result, {**catalogue("common", "en"), **catalogue("report", "en")}
+    ).rows
     assert "632.991" in [row[1] for row in rows]
 
 
@@ -607,7 +636,8 @@ def test_the_annex_lists_the_sources_with_their_hashes(tmp_path: Path) -> None:
     result = made_up_result()
     assert "<h3>Sources</h3>" not in build_report(result, source="result.json").html
     sources = tuple(
-        Source(role="log", name=f"000{count}.mcap", sha256=str(count) * 64) for count in (1, 2)
+        Source(role="log", name=f"000{count}.mcap", sha256=str(count) * 64)
+        for count in (1, 2)
     )
     html = build_report(replace(result, sources=sources), source="result.json").html
     assert (
@@ -651,12 +681,18 @@ def test_conclusion_of_a_survey_after_loading_has_its_verdict_and_no_step_before
     known = conclude(before)
     left = as_left("later", conclude(before), known.reach, before)
     alone, closed = (build_report(before, source="r", left=one).html for one in (None, left))
-    assert ("As left, measured again: conform." in closed, "As left, measured again" in alone) == (
+    assert (
+        "As left, measured again: conform." in closed,
+        "As left, measured again" in alone,
+    ) == (
         True,
         False,
     )
     assert ("<h3>Next step</h3>" in closed, "<h3>Next step</h3>" in alone) == (False, True)
-    assert ("as left (not measured yet)" in closed, "as left (not measured yet)" in alone) == (
+    assert (
+        "as left (not measured yet)" in closed,
+        "as left (not measured yet)" in alone,
+    ) == (
         False,
         True,
     )
@@ -669,9 +705,12 @@ def test_a_letterhead_comes_from_a_settings_file(tmp_path: Path) -> None:
     )
     settings = tmp_path / "us.toml"
     settings.write_text(
-        'company = "Messdienst"\naddress = "Weg 1\\nOrt"\nlogo = "logo.svg"\n', encoding="utf-8"
+        'company = "Messdienst"\naddress = "Weg 1\\nOrt"\nlogo = "logo.svg"\n',
+        encoding="utf-8",
     )
-    html = build_report(made_up_result(), source="r", letterhead=read_letterhead(settings)).html
+    html = build_report(
+        made_up_result(), source="r", letterhead=read_letterhead(settings)
+    ).html
     assert "Messdienst" in html
     assert 'src="data:image/svg+xml;base64,' in html
     settings.write_text('logo = "us.toml"\n', encoding="utf-8")
@@ -680,7 +719,8 @@ def test_a_letterhead_comes_from_a_settings_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("language", "off", "unstated"), [("en", "off", "not stated"), ("de", "aus", "nicht angegeben")]
+    ("language", "off", "unstated"),
+    [("en", "off", "not stated"), ("de", "aus", "nicht angegeben")],
 )
 def test_what_was_active_while_measuring_stands_in_the_report(
     language: str, off: str, unstated: str
@@ -689,9 +729,9 @@ def test_what_was_active_while_measuring_stands_in_the_report(
     says nothing."""
     words = {**catalogue("common", language), **catalogue("report", language)}
     said = {
-        state: dict(facts_table(replace(made_up_result(), survey=statement.facts()), words).rows)[
-            words["compensation"]
-        ]
+        state: dict(
+            facts_table(replace(made_up_result(), survey=statement.facts()), words).rows
+        )[words["compensation"]]
         for state, statement in (
             ("off", Statement(state="off")),
             ("on", stated("on", {"A.INI": b"table"}, date(2026, 1, 31), "archive")),

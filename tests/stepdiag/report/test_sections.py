@@ -44,7 +44,9 @@ VDI = {
 def standards_of(given: dict[str, object]) -> dict[str, tuple[StandardFigures, ...]]:
     """Return figures of the standards from their JSON, with what every figure has."""
     rows = {
-        name: [{"source_status": "", **one} for one in found] if isinstance(found, list) else found
+        name: [{"source_status": "", **one} for one in found]
+        if isinstance(found, list)
+        else found
         for name, found in given.items()
     }
     return members(standards=rows)["standards"]
@@ -72,7 +74,13 @@ def test_linear_figures_stand_with_u_and_the_lengths_they_are_of_are_said_once()
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
     standards = standards_of({"linear-x": [ISO, VDI], "linear-y": [ISO]})
     row, _ = positioning_table(standards, words, "en").rows
-    assert row == ("linear run X (linear-x)", "ISO 230-2:2014", "5", "7.0 ± 1.0", "3.00 ± 0.50")
+    assert row == (
+        "linear run X (linear-x)",
+        "ISO 230-2:2014",
+        "5",
+        "7.0 ± 1.0",
+        "3.00 ± 0.50",
+    )
     assert positioning_lengths(standards, words) == "lengths as measured"
     assert (
         positioning_lengths(standards_of({"linear-x": [VDI]}), words)
@@ -99,7 +107,9 @@ def test_figures_along_a_diagonal_stand_beside_its_corners():
 
 def test_vdi_3441_stands_beside_where_a_run_has_it():
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
-    (row,) = vdi_table(standards_of({"linear-x": [ISO, VDI], "linear-y": [ISO]}), words, "en").rows
+    (row,) = vdi_table(
+        standards_of({"linear-x": [ISO, VDI], "linear-y": [ISO]}), words, "en"
+    ).rows
     assert row == (
         "linear run X (linear-x)",
         "VDI/DGQ 3441:1977",
@@ -119,17 +129,36 @@ def test_the_largest_vector_is_a_bound() -> None:
     is at least what was found."""
     sure = Interval(value_um=4.4, low_um=3.0, high_um=6.2)
     assert (bound_words(sure), interval_words(sure)) == ("≤ 6.2", "3.0 … 6.2")
-    assert bound_words(Interval(value_um=4.4)) == interval_words(Interval(value_um=4.4)) == "≥ 4.4"
+    assert (
+        bound_words(Interval(value_um=4.4))
+        == interval_words(Interval(value_um=4.4))
+        == "≥ 4.4"
+    )
     assert bound_words(None) == "–"
 
 
-SLIP = {"setup": "npp", "pass": 1, "stop": 4, "half_um": 2.5, "nearly_um": 4.0, "volume_um": 1.2}
+SLIP = {
+    "setup": "npp",
+    "pass": 1,
+    "stop": 4,
+    "half_um": 2.5,
+    "nearly_um": 4.0,
+    "volume_um": 1.2,
+}
 
 
 def test_what_a_slip_could_hide_stands_with_its_place_and_with_what_it_does_to_the_volume():
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
-    blind = {**SLIP, "setup": "linear-x", "half_um": None, "nearly_um": None, "volume_um": None}
-    result = replace(made_up_result(), **members(unseen_slip={"diagonals": SLIP, "runs": blind}))
+    blind = {
+        **SLIP,
+        "setup": "linear-x",
+        "half_um": None,
+        "nearly_um": None,
+        "volume_um": None,
+    }
+    result = replace(
+        made_up_result(), **members(unseen_slip={"diagonals": SLIP, "runs": blind})
+    )
     assert slips_table(result, words, "en").rows == [
         ("diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 5", "2.5", "4.0", "1.2"),
         ("linear run X (linear-x), pass 1 out, stop 5", "–", "–", "–"),
@@ -137,7 +166,9 @@ def test_what_a_slip_could_hide_stands_with_its_place_and_with_what_it_does_to_t
     assert slips_table(made_up_result(), words, "en") is None
     assert (
         slips_table(
-            replace(made_up_result(), **members(unseen_slip={"diagonals": "nonsense", "runs": {}})),
+            replace(
+                made_up_result(), **members(unseen_slip={"diagonals": "nonsense", "runs": {}})
+            ),
             words,
             "en",
         )
@@ -149,7 +180,9 @@ def test_what_a_slip_could_hide_stands_with_its_place_and_with_what_it_does_to_t
 def test_a_column_that_no_setup_fills_is_left_out():
     """Without a way back no drift is known: the column stood there empty."""
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
-    once = setups(ppp={"drift": [], "residual_um": 0.1}, npp={"drift": [], "residual_um": 0.2})
+    once = setups(
+        ppp={"drift": [], "residual_um": 0.1}, npp={"drift": [], "residual_um": 0.2}
+    )
     assert setups_table(replace(made_up_result(), setups=once), words, "en").header == (
         words["setup"],
         "residual / µm",

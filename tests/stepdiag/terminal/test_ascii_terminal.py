@@ -35,7 +35,9 @@ DOORS = {
 
 
 @pytest.mark.parametrize("name", spread([*DOORS], 2))
-def test_a_command_with_files_ends_as_it_does_on_any_terminal(name: str, tmp_path: Path) -> None:
+def test_a_command_with_files_ends_as_it_does_on_any_terminal(
+    name: str, tmp_path: Path
+) -> None:
     """With texts in its files that the terminal has no letters for, where there are any."""
     door = DOORS[name]
     text = door.files[door.wrong].replace('machine = "virtual"', f'machine = "{FOREIGN}"')
@@ -92,7 +94,9 @@ def _entered(door: Door, folder: Path, encoding: str) -> int:
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "iso8859-2", "koi8-r"])
-def test_a_terminal_without_the_micrometre_sign_shows_um(encoding: str, tmp_path: Path) -> None:
+def test_a_terminal_without_the_micrometre_sign_shows_um(
+    encoding: str, tmp_path: Path
+) -> None:
     door = Door(("fourdof", "calibrate", "--help"), {}, "", lambda text, _: text)
     code, shown = on_ascii(door, tmp_path, encoding)
     assert code == 0, shown

@@ -18,7 +18,8 @@ TITLE = "\x1b]0;owned\x07"
 
 
 @pytest.mark.parametrize(
-    ("text", "shown"), [("plain ä\nµm", "plain ä\nµm"), (f"a{TITLE}b\r\x9b2J", "a?]0;owned?b??2J")]
+    ("text", "shown"),
+    [("plain ä\nµm", "plain ä\nµm"), (f"a{TITLE}b\r\x9b2J", "a?]0;owned?b??2J")],
 )
 def test_what_a_terminal_would_obey_is_shown_as_a_question(text, shown):
     assert printable(text) == shown

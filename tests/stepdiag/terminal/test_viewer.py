@@ -94,7 +94,9 @@ def test_an_answer_fits_a_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     """Of 30 lines of 80 columns, without options."""
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr("testkit.cli.joined", lambda text: text)
-    readings, result, survey = (tmp_path / name for name in ("r.csv", "result.json", "s.toml"))
+    readings, result, survey = (
+        tmp_path / name for name in ("r.csv", "result.json", "s.toml")
+    )
     shutil.copy(GOLDEN, readings)
     assert stepdiag("solve", readings, "--out", result).code == 0
     assert stepdiag("init", survey).code == 0
@@ -114,7 +116,10 @@ def test_an_answer_fits_a_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize(("terminal", "columns"), [("", 80), ("60", 60), ("250", 100)])
 def test_a_line_is_as_wide_as_the_terminal_and_at_most_100_columns(
-    terminal: str, columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    terminal: str,
+    columns: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Without a terminal, as in a pipe, it has 80."""
     monkeypatch.setenv("COLUMNS", terminal)

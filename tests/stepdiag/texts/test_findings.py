@@ -11,19 +11,27 @@ from subprocess import run
 
 import pytest
 
-from stepdiag.texts.explained import accepted, explained, explanations, finding_advice, keys_of
+from stepdiag.texts.explained import (
+    accepted,
+    explained,
+    explanations,
+    finding_advice,
+    keys_of,
+)
 from stepdiag.texts.patterns import FLOORS, tables
 from stepdiag.texts.texts import LANGUAGES, Language
 from testkit.german import is_english
 
 ROOT = Path(__file__).parents[3]
 SOURCES = ("solver", "exporters", "daq", "stepdiag")
-SAYING = frozenset({"Finding", "SafetyError", "finding", "_error", "_warning", "_note", "_remark"})
+SAYING = frozenset(
+    {"Finding", "SafetyError", "finding", "_error", "_warning", "_note", "_remark"}
+)
 KEBAB = re.compile(r"[a-z0-9]+(-[a-z0-9]+)+(\.[a-z0-9-]+)?")
 RENAMED = sorted(
-    tomllib.loads((ROOT / "stepdiag" / "texts" / "findings.toml").read_text(encoding="utf-8"))[
-        "renamed"
-    ]
+    tomllib.loads(
+        (ROOT / "stepdiag" / "texts" / "findings.toml").read_text(encoding="utf-8")
+    )["renamed"]
 )
 
 
@@ -34,7 +42,9 @@ def said() -> tuple[tuple[str, str], ...]:
 
 
 def _said() -> Iterator[tuple[str, str]]:
-    for path in (path for folder in SOURCES for path in sorted((ROOT / folder).rglob("*.py"))):
+    for path in (
+        path for folder in SOURCES for path in sorted((ROOT / folder).rglob("*.py"))
+    ):
         for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(call, ast.Call) and _name(call.func) in SAYING:
                 given = [

@@ -11,7 +11,16 @@ import pytest
 
 from stepdiag.base.errors import UsageError, system_words
 from stepdiag.base.findings import Finding, finding, in_words
-from stepdiag.base.messages import Argument, Message, Place, at, joined, kept, message, rendered
+from stepdiag.base.messages import (
+    Argument,
+    Message,
+    Place,
+    at,
+    joined,
+    kept,
+    message,
+    rendered,
+)
 from stepdiag.daq.records.status import FindingStatus
 from stepdiag.page.view import grouped
 from stepdiag.report.document import build_report
@@ -55,18 +64,26 @@ def read_in(document: str) -> list[str]:
     """Return the texts between the tags of a document, without style, script, names of files and
     hashes."""
     bare = re.sub(r"<(style|script|code|title)\b.*?</\1>", " ", document, flags=re.DOTALL)
-    return [html.unescape(text).strip() for text in re.split(r"<[^<>]*>", bare) if text.strip()]
+    return [
+        html.unescape(text).strip() for text in re.split(r"<[^<>]*>", bare) if text.strip()
+    ]
 
 
 def test_the_report_with_every_finding_is_german() -> None:
     """Findings of every code and variant, with their advice, tables, headings and the budget."""
     result = made_up_result(
-        budget={"assumptions": {}, "shares": {"EXX": {"wander": 0.1}}, "combined": {"EXX": 0.1}}
+        budget={
+            "assumptions": {},
+            "shares": {"EXX": {"wander": 0.1}},
+            "combined": {"EXX": 0.1},
+        }
     )
     result = replace(result, findings=tuple(MADE))
     document = build_report(result, source="r.json", language="de").html
     assert [text for text in read_in(document) if is_english(text)] == []
-    assert all(f">{code}<" in document or code in document for code in {one.code for one in MADE})
+    assert all(
+        f">{code}<" in document or code in document for code in {one.code for one in MADE}
+    )
     assert is_english(build_report(result, source="r.json", language="en").html)
 
 
@@ -187,7 +204,9 @@ def test_the_budget_is_german() -> None:
 def test_an_old_text_stands_as_it_is() -> None:
     """Of a log or result that holds no message."""
     old = Finding(
-        code="count-slip", severity="warning", text="ppp out, stop 5 of 30: count slip of +1.9 µm"
+        code="count-slip",
+        severity="warning",
+        text="ppp out, stop 5 of 30: count slip of +1.9 µm",
     )
     assert in_words(old, "de") == old.text
     assert kept(old.text) == ""

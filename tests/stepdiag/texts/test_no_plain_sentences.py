@@ -46,7 +46,9 @@ def sentences_of(tree: ast.Module) -> Iterator[tuple[int, str]]:
         ):
             for argument in (*call.args, *(keyword.value for keyword in call.keywords)):
                 value = (
-                    held.get(argument.id, argument) if isinstance(argument, ast.Name) else argument
+                    held.get(argument.id, argument)
+                    if isinstance(argument, ast.Name)
+                    else argument
                 )
                 yield from (
                     (value.lineno, text)

@@ -95,7 +95,11 @@ def test_at_a_turn_without_overrun_nothing_moves():
     came = arrivals(back, SCATTER, rng, before=standing_at_end(out, went), overrun=False)
     for name in ("side", "arrival_um", "servo_um"):
         assert getattr(came, name)[0].tolist() == getattr(went, name)[-1].tolist()
-    assert came.side[1:4].tolist() == [[1.0, 1.0, -1.0], [1.0, -1.0, -1.0], [-1.0, -1.0, -1.0]]
+    assert came.side[1:4].tolist() == [
+        [1.0, 1.0, -1.0],
+        [1.0, -1.0, -1.0],
+        [-1.0, -1.0, -1.0],
+    ]
 
 
 def test_a_run_along_one_axis_leaves_the_others_where_they_are():
@@ -110,7 +114,8 @@ def test_a_run_along_one_axis_leaves_the_others_where_they_are():
 def test_the_laser_sees_the_component_of_the_arrivals_along_the_beam(setup, seed):
     noisy = Conditions(scatter=SCATTER, seed=seed)
     taken, ideal = (
-        simulate_pass(PERFECT, BOX, setup, conditions=how) for how in (noisy, Conditions(seed=seed))
+        simulate_pass(PERFECT, BOX, setup, conditions=how)
+        for how in (noisy, Conditions(seed=seed))
     )
     came = arrivals(driven_pass(BOX, setup, 1), SCATTER, np.random.default_rng((seed, 1)))
     travel = ideal.position_mm[-1] - ideal.position_mm[0]
@@ -169,7 +174,9 @@ def test_registers_show_their_last_digit():
 @pytest.mark.parametrize(("incremental", "end"), [(False, 500.0), (True, 500.01)])
 def test_the_rounding_of_an_incremental_program_adds_up(incremental, end):
     """500 mm in 7 steps: 71.43 mm seven times is 500.01 mm."""
-    box = Box(size_mm=(500.0, 350.0, 210.0), increments=7, decimals=2, incremental=incremental)
+    box = Box(
+        size_mm=(500.0, 350.0, 210.0), increments=7, decimals=2, incremental=incremental
+    )
     out, back = driven_pass(box, "ppp", 1), driven_pass(box, "ppp", 2)
     assert out.stop_mm[-1] == pytest.approx([end, 350.0, 210.0])
     assert back.stop_mm.tolist() == out.stop_mm[::-1].tolist()

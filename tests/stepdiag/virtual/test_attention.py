@@ -35,7 +35,11 @@ def test_what_was_looked_at_without_a_break(looks, lacks):
 
 @pytest.mark.parametrize(
     ("looks", "lacks"),
-    [([9.97, 10.05], True), ([9.97, 10.05, 10.06], True), ([9.97, 10.05, 10.06, 10.09], False)],
+    [
+        ([9.97, 10.05], True),
+        ([9.97, 10.05, 10.06], True),
+        ([9.97, 10.05, 10.06, 10.09], False),
+    ],
 )
 def test_one_look_long_after_a_move_began_has_not_seen_it(looks, lacks):
     """A recorder held up for 80 ms beside a move of 7 ms: the machine drove away and back between
@@ -50,4 +54,7 @@ def test_one_look_long_after_a_move_began_has_not_seen_it(looks, lacks):
 )
 def test_what_a_fault_hides_is_not_waited_for(delay_s, lacks):
     silent = Fault(kind="plc-silent", delay_s=delay_s, duration_s=0.2)
-    assert looking(np.arange(10.3, 10.5, 0.01), (silent,)).lacking(FROM_S, 10.5, WANTED_S) == lacks
+    assert (
+        looking(np.arange(10.3, 10.5, 0.01), (silent,)).lacking(FROM_S, 10.5, WANTED_S)
+        == lacks
+    )

@@ -112,7 +112,9 @@ def test_siemens_multiplies_by_the_table_with_the_next_number():
         CEC_GOLDEN + second
     )  # linked tables give their product alone (K3 p. 252)
     point = np.array([[200.0, 0.0, 0.0]])
-    assert product.correction_mm(point, np.zeros((1, 3)))[0, 1] == pytest.approx(-0.004 * 0.004)
+    assert product.correction_mm(point, np.zeros((1, 3)))[0, 1] == pytest.approx(
+        -0.004 * 0.004
+    )
 
 
 def test_siemens_program_switches_off_and_on_again():
@@ -152,7 +154,9 @@ def test_linuxcnc_ends_at_the_first_foreign_line_and_takes_trims_as_they_are():
     )
     assert forward.position_mm == (0.0, 10.0)
     point = np.zeros((1, 3))
-    assert forward.correction_mm(point, np.full((1, 3), 1.0))[0] == pytest.approx([0.0, 0.001, 0.0])
+    assert forward.correction_mm(point, np.full((1, 3), 1.0))[0] == pytest.approx(
+        [0.0, 0.001, 0.0]
+    )
     assert reverse.correction_mm(point, np.full((1, 3), -1.0))[0] == pytest.approx(
         [0.0, -0.002, 0.0]
     )
@@ -193,7 +197,9 @@ def eec_and_cec(truth):
         nodes = truth.position_mm[name[2]]
         values = (truth.errors[name] + lean.get(name, 0.0) * (nodes - nodes[0]) * 1e-3) * 1e-3
         own = name[1] == name[2]
-        array, index = ("$AA_ENC_COMP", f"0,%s,{name[2]}1") if own else ("$AN_CEC", f"{table},%s")
+        array, index = (
+            ("$AA_ENC_COMP", f"0,%s,{name[2]}1") if own else ("$AN_CEC", f"{table},%s")
+        )
         bare = index.replace("%s,", "").replace(",%s", "")
         text += "".join(
             f"{array}[{index % node}]={value:.7f}\n" for node, value in enumerate(values)

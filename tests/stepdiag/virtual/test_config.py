@@ -57,7 +57,9 @@ def built(text):
 
 
 def test_the_example_of_the_document_loads():
-    page = (Path(__file__).parents[3] / "docs" / "virtual-machine.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "virtual-machine.md").read_text(
+        encoding="utf-8"
+    )
     example = page.partition("```toml\n")[2].partition("```")[0]
     plan, machine = built(example)
     assert len(plan.setups) == 8
@@ -81,7 +83,8 @@ def test_backlash_is_lost_motion():
     machine = build_machine(load_config(FULL))
     point = np.array([[-100.0, 0.0, 0.0]])
     forward, backward = (
-        machine.error_at(point, direction=np.array([sign, 0.0, 0.0]))[0, 0] for sign in (1.0, -1.0)
+        machine.error_at(point, direction=np.array([sign, 0.0, 0.0]))[0, 0]
+        for sign in (1.0, -1.0)
     )
     assert forward - backward == pytest.approx(-3.0)
 

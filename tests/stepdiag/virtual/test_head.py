@@ -21,7 +21,11 @@ from stepdiag.virtual.instruments.head import (
     Wander,
     quadrant_response,
 )
-from stepdiag.virtual.instruments.head_wire import FourdofHead, QuadrantDetector, frame_checksum
+from stepdiag.virtual.instruments.head_wire import (
+    FourdofHead,
+    QuadrantDetector,
+    frame_checksum,
+)
 from stepdiag.virtual.physics.kinematics import Pose, rotation_matrix
 from testkit.ordinary.heads import stage_pose
 
@@ -120,7 +124,9 @@ def test_detectors_have_signs_roll_light_and_noise():
     detector = SpotDetector(sign=(-1.0, 1.0), rotation_mrad=100.0, full_sum=1000.0, noise=0.0)
     face = detector.face_mm(np.array([[1.0, 0.0]]))
     assert face[0] == pytest.approx([-math.cos(0.1), -math.sin(0.1)])
-    counts = detector.counts(np.array([[0.5, -0.25]]), np.array([0.5]), np.random.default_rng(1))
+    counts = detector.counts(
+        np.array([[0.5, -0.25]]), np.array([0.5]), np.random.default_rng(1)
+    )
     assert counts.tolist() == [[250, -125, 500]]
 
 
@@ -209,7 +215,9 @@ def test_the_quadrant_detector_answers_its_one_question():
     assert answer[:6] == bytes.fromhex("72080c008150")
     sub_id, x, y, total, _, _ = struct.unpack("<HhhHhh", answer[6:])
     assert sub_id == 3
-    assert [x / 3276.7, y / 3276.7, total / 1638.35] == pytest.approx([-2.0, -1.0, 8.0], abs=1e-3)
+    assert [x / 3276.7, y / 3276.7, total / 1638.35] == pytest.approx(
+        [-2.0, -1.0, 8.0], abs=1e-3
+    )
     assert detector.answer(bytes.fromhex("050000005001"), 0.0) == b""
 
 

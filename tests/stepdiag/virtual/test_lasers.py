@@ -14,7 +14,9 @@ COUNT_MM = 632.991e-6 / 2
 
 def fields(data: bytes) -> np.ndarray:
     assert data.endswith(b"\r\n")
-    return np.array([[int(word) for word in line.split(b" ")] for line in data[:-2].split(b"\r\n")])
+    return np.array(
+        [[int(word) for word in line.split(b" ")] for line in data[:-2].split(b"\r\n")]
+    )
 
 
 def sent(board: UmdBoard, readings, beam=None):
@@ -107,7 +109,11 @@ def test_a_display_without_signal_gives_no_value():
 def test_a_display_takes_requests_in_any_pieces():
     display = NdDisplay()
     pieces = [display.requests(bytes([byte])) for byte in b"\x02\x1bA0200\r\x02"]
-    assert [request for piece in pieces for request in piece] == [b"\x02", b"\x1bA0200\r", b"\x02"]
+    assert [request for piece in pieces for request in piece] == [
+        b"\x02",
+        b"\x1bA0200\r",
+        b"\x02",
+    ]
 
 
 def test_a_counter_begins_at_zero_and_holds_while_the_beam_is_away():

@@ -36,7 +36,15 @@ from testkit.ordinary.machines import (
     SHARES,
     draw_machine,
 )
-from testkit.ordinary.shop import NOISE_UM, RUNS, Beam, Shop, draw_shop, drive_survey, mean_machine
+from testkit.ordinary.shop import (
+    NOISE_UM,
+    RUNS,
+    Beam,
+    Shop,
+    draw_shop,
+    drive_survey,
+    mean_machine,
+)
 
 SIZE_MM = (300.0, 200.0, 100.0)
 BOX = Box(size_mm=SIZE_MM, increments=3)
@@ -61,7 +69,9 @@ def test_ordinary_machines_share_no_code_with_what_they_prove():
     they import the virtual machine alone."""
     files = sorted(Path(testkit.ordinary.__path__[0]).glob("*.py"))
     nodes = [
-        node for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        node
+        for file in files
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
     ]
     imported = {node.module for node in nodes if isinstance(node, ast.ImportFrom)} | {
         name.name for node in nodes if isinstance(node, ast.Import) for name in node.names
@@ -95,7 +105,8 @@ def test_machines_lie_within_the_table(many):
         assert all(300.0 <= length <= 1000.0 for length in errors.size_mm)
         assert machine.machine.chain in CHAINS
         assert all(
-            REPEATABILITY_UM[0] <= um <= REPEATABILITY_UM[1] for um in machine.repeatability_um
+            REPEATABILITY_UM[0] <= um <= REPEATABILITY_UM[1]
+            for um in machine.repeatability_um
         )
         assert 5 <= shop.box.increments <= 20
         assert shop.box.decimals in (2, 3, 4)
@@ -143,7 +154,9 @@ def test_the_quality_may_be_stated_and_the_machine_be_large():
 
 
 def test_the_same_seed_draws_the_same_survey():
-    one, other = (drive_survey(machine.machine, shop) for machine, shop in (drawn(7), drawn(7)))
+    one, other = (
+        drive_survey(machine.machine, shop) for machine, shop in (drawn(7), drawn(7))
+    )
     assert one.reading_mm.tolist() == other.reading_mm.tolist()
     assert one.position_mm.tolist() == other.position_mm.tolist()
 
@@ -171,9 +184,9 @@ def test_an_axis_grows_from_its_bearing():
     machine = Machine(errors=errors, growth=grown)
     error = machine.error_at(np.array([[400.0, 100.0, 100.0]]), time_s=1200.0)
     assert error[0] == pytest.approx([20.0 * 0.5 * (1.0 - np.exp(-1.0)), 0.0, 0.0], abs=1e-6)
-    assert machine.error_at(np.array([[-100.0, 0.0, 0.0]]), time_s=1e6)[0, 0] == pytest.approx(
-        0.0, abs=1e-9
-    )
+    assert machine.error_at(np.array([[-100.0, 0.0, 0.0]]), time_s=1e6)[
+        0, 0
+    ] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_the_mean_machine_is_the_machine_at_a_moment_where_all_readings_are_of_that_moment():
@@ -189,7 +202,9 @@ def test_the_mean_machine_is_the_machine_at_a_moment_where_all_readings_are_of_t
         expansion_um_m_c=(11.7, 10.0, 9.0),
     )
     mean = mean_machine(machine, np.full(7, 1800.0), np.zeros(7))
-    assert mean.error_at(POINTS) == pytest.approx(machine.error_at(POINTS, time_s=1800.0), abs=1e-4)
+    assert mean.error_at(POINTS) == pytest.approx(
+        machine.error_at(POINTS, time_s=1800.0), abs=1e-4
+    )
 
 
 def test_the_mean_machine_holds_what_nobody_saw():
@@ -224,7 +239,9 @@ def test_every_drawn_survey_is_near_its_geometry(seed, large):
         )
         travel = survey.position_mm[rows] - survey.position_mm[rows[0]]
         along = travel @ (travel[-1] / np.linalg.norm(travel[-1]))
-        assert np.max(np.abs(survey.reading_mm[rows] - along)) < 1e-3 * np.linalg.norm(travel[-1])
+        assert np.max(np.abs(survey.reading_mm[rows] - along)) < 1e-3 * np.linalg.norm(
+            travel[-1]
+        )
 
 
 def test_a_perfect_machine_in_a_perfect_shop_reads_its_travel():
@@ -250,7 +267,10 @@ def test_without_overrun_a_pass_begins_with_the_reading_at_which_the_one_before_
     )
     survey = drive_survey(PERFECT, shop)
     turned = np.flatnonzero(survey.turned)
-    assert [(survey.pass_number[row], survey.stop[row]) for row in turned[:2]] == [(2, 0), (3, 0)]
+    assert [(survey.pass_number[row], survey.stop[row]) for row in turned[:2]] == [
+        (2, 0),
+        (3, 0),
+    ]
     assert len(turned) == 2 * len(shop.setups)
     for row in turned:
         for column in (survey.reading_mm, survey.position_mm, survey.time_s):
@@ -281,7 +301,9 @@ def test_the_material_is_warmer_from_setup_to_setup_without_the_thermometer_seei
         1e6
         * (
             survey.reading_mm[row]
-            / np.linalg.norm(survey.position_mm[row] - survey.position_mm[row - survey.stop[row]])
+            / np.linalg.norm(
+                survey.position_mm[row] - survey.position_mm[row - survey.stop[row]]
+            )
             - 1.0
         )
         for row in ends

@@ -54,17 +54,22 @@ def golden_errors(*, angles: bool) -> ErrorSet:
             positions.append(length * int(row["node"]) / 10)
             values.append(float(row[unit]))
     tables = {
-        name: Table(tuple(position), tuple(value)) for name, (position, value) in functions.items()
+        name: Table(tuple(position), tuple(value))
+        for name, (position, value) in functions.items()
     }
     return ErrorSet(low_mm=LOW, size_mm=(1000.0, 800.0, 500.0), functions=tables)
 
 
-@pytest.mark.parametrize(("survey", "angles"), [("separable", False), ("rigidbody_FXYZ", True)])
+@pytest.mark.parametrize(
+    ("survey", "angles"), [("separable", False), ("rigidbody_FXYZ", True)]
+)
 @pytest.mark.parametrize("diagonal", ["ppp", "npp", "pnp", "ppn"])
 def test_the_golden_surveys_are_reproduced_to_a_nanometre(survey, angles, diagonal):
     """Readings of another exact simulation (theory 11): 31 readings, only the two unknown tilts of
     each set-up are fitted."""
-    golden = [row for row in rows(f"golden_stepdiag_{survey}.csv") if row["diagonal"] == diagonal]
+    golden = [
+        row for row in rows(f"golden_stepdiag_{survey}.csv") if row["diagonal"] == diagonal
+    ]
     wanted = np.array([float(row["reading_mm"]) for row in golden])
     box = Box(size_mm=(1000.0, 800.0, 500.0), increments=10)
     machine = Machine(errors=golden_errors(angles=angles))
@@ -83,7 +88,8 @@ def test_the_golden_surveys_are_reproduced_to_a_nanometre(survey, angles, diagon
     tilt = np.zeros(2)
     for _ in range(4):
         jacobian = np.stack(
-            [(reading(tilt + step) - reading(tilt)) / 1e-3 for step in 1e-3 * np.eye(2)], axis=1
+            [(reading(tilt + step) - reading(tilt)) / 1e-3 for step in 1e-3 * np.eye(2)],
+            axis=1,
         )
         tilt = tilt + np.linalg.lstsq(jacobian, wanted - reading(tilt), rcond=None)[0]
     assert np.hypot(*tilt) == pytest.approx(0.4, abs=0.01)
@@ -113,7 +119,9 @@ def test_the_exact_chain_has_the_abbe_arms_of_the_theory(chain):
         still = np.zeros(200)
         alpha = errors.rotation_urad(axis, points[:, axis], still)
         lever_m = (points * arm + offset) * 1e-3
-        expected += errors.displacement_um(axis, points[:, axis], still) + np.cross(alpha, lever_m)
+        expected += errors.displacement_um(axis, points[:, axis], still) + np.cross(
+            alpha, lever_m
+        )
     assert np.max(np.abs(expected)) > 15.0
     assert np.max(np.abs(machine.error_at(points) - expected)) < 0.003
 
@@ -181,7 +189,9 @@ def test_a_misaligned_beam_is_a_second_order_matter():
 
 def test_mirror_flatness_gives_the_same_three_values_in_every_cycle():
     """Theory 4.2: the spot visits the same three places of the mirror in every cycle."""
-    flat = simulate_pass(Machine(errors=PERFECT), BOX, "pnp", alignment=Alignment(flatness_um=0.3))
+    flat = simulate_pass(
+        Machine(errors=PERFECT), BOX, "pnp", alignment=Alignment(flatness_um=0.3)
+    )
     deviation = deviation_um(flat, outward_direction(BOX, "pnp"))
     assert np.max(np.abs(deviation)) > 0.02
     for phase in range(3):
@@ -189,7 +199,10 @@ def test_mirror_flatness_gives_the_same_three_values_in_every_cycle():
 
 
 def test_a_corner_cube_does_not_see_rotations_about_its_vertex():
-    tables = {"EBX": Table((0.0, 500.0), (0.0, 50.0)), "ECX": Table((0.0, 500.0), (0.0, -80.0))}
+    tables = {
+        "EBX": Table((0.0, 500.0), (0.0, 50.0)),
+        "ECX": Table((0.0, 500.0), (0.0, -80.0)),
+    }
     machine = Machine(errors=ErrorSet(low_mm=LOW, size_mm=SIZE, functions=tables))
     at_tool = simulate_pass(machine, BOX, "linear-x")
     offset = simulate_pass(
@@ -202,18 +215,21 @@ def test_a_corner_cube_does_not_see_rotations_about_its_vertex():
 def test_a_laser_on_the_floor_does_not_see_the_axes_that_carry_the_work():
     machine = Machine(errors=PERFECT, chain="XYFZ")
     taken = simulate_pass(machine, BOX, "ppp", alignment=Alignment(stand="floor"))
-    expected = (taken.position_mm[:, 2] - taken.position_mm[0, 2]) * outward_direction(BOX, "ppp")[
-        2
-    ]
+    expected = (taken.position_mm[:, 2] - taken.position_mm[0, 2]) * outward_direction(
+        BOX, "ppp"
+    )[2]
     assert taken.reading_mm == pytest.approx(expected, abs=1e-9)
 
 
 def test_reversal_splits_about_the_mean():
-    errors = ErrorSet(low_mm=LOW, size_mm=SIZE, reversal={"EXX": Table((0.0, 500.0), (-4.0, -6.0))})
+    errors = ErrorSet(
+        low_mm=LOW, size_mm=SIZE, reversal={"EXX": Table((0.0, 500.0), (-4.0, -6.0))}
+    )
     machine = Machine(errors=errors)
     point = np.array([[250.0, 0.0, 0.0]])
     forward, backward, mean = (
-        machine.error_at(point, direction=np.array([d, 1.0, 1.0]))[0, 0] for d in (1.0, -1.0, 0.0)
+        machine.error_at(point, direction=np.array([d, 1.0, 1.0]))[0, 0]
+        for d in (1.0, -1.0, 0.0)
     )
     assert (forward, backward, mean) == pytest.approx((-2.5, 2.5, 0.0))
 
@@ -227,7 +243,9 @@ def test_a_warm_machine_is_longer_by_its_coefficient():
 
 def test_drift_moves_the_tool_with_time():
     machine = Machine(errors=PERFECT, drift_um_h=(0.0, 0.0, 6.0))
-    taken = simulate_pass(machine, BOX, "linear-z", conditions=Conditions(seconds_per_stop=360.0))
+    taken = simulate_pass(
+        machine, BOX, "linear-z", conditions=Conditions(seconds_per_stop=360.0)
+    )
     assert deviation_um(taken, np.eye(3)[2])[-1] == pytest.approx(6.0, abs=1e-6)
 
 

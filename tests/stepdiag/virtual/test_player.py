@@ -39,7 +39,9 @@ def test_a_program_stands_at_every_stop_of_both_passes():
 def dwelt(plan=PLAN, drive=None, seed=0):
     """Return the segments of all dwells of a program as it is played."""
     dwelling = []
-    one = Player(steps(plan, FaultBoard()), drive or Drive(), seed=seed, on_enter=dwelling.append)
+    one = Player(
+        steps(plan, FaultBoard()), drive or Drive(), seed=seed, on_enter=dwelling.append
+    )
     one.advance(1e6)
     return [segment for segment in dwelling if segment.step.kind == "dwell"]
 
@@ -63,8 +65,15 @@ def test_a_program_without_overrun_leaves_each_axis_on_its_old_side_until_it_mov
 def test_a_program_without_overrun_at_the_first_stop_comes_straight_to_it():
     """From home (0, 0, 0) to the first stop of npp at (100, 0, 0): X came from below, Y and Z never
     moved; the turn has its overrun."""
-    sides = [segment.approach.tolist() for segment in dwelt(replace(PLAN, first_overrun=False))]
-    assert sides[:4] == [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 1.0, 1.0]]
+    sides = [
+        segment.approach.tolist() for segment in dwelt(replace(PLAN, first_overrun=False))
+    ]
+    assert sides[:4] == [
+        [1.0, 0.0, 0.0],
+        [-1.0, 0.0, 0.0],
+        [-1.0, 1.0, 0.0],
+        [-1.0, 1.0, 1.0],
+    ]
     assert sides[7] == [1.0, -1.0, -1.0]
 
 
@@ -73,12 +82,16 @@ def test_an_axis_that_does_not_move_keeps_its_place():
     that of the drive."""
     box = replace(BOX, increments=40)
     stops = dwelt(
-        replace(PLAN, box=box, setups=("ppp", "npp", "pnp"), passes=4), Drive(repeatability_um=0.5)
+        replace(PLAN, box=box, setups=("ppp", "npp", "pnp"), passes=4),
+        Drive(repeatability_um=0.5),
     )
     off = np.array([1e3 * (segment.true_to_mm - segment.to_mm) for segment in stops])
     moved = np.diff([segment.to_mm for segment in stops], axis=0) != 0.0
     within = np.array(
-        [before.step.pass_number == after.step.pass_number for before, after in pairwise(stops)]
+        [
+            before.step.pass_number == after.step.pass_number
+            for before, after in pairwise(stops)
+        ]
     )
     held = within[:, None] & ~moved
     assert held.sum() == 2 * 120 * 12
@@ -101,13 +114,19 @@ def test_the_laser_sees_the_component_of_an_arrival_along_the_beam():
     readings = []
     for drive in (Drive(ring_um=0.0), Drive(ring_um=0.0, repeatability_um=20.0)):
         fresh = Player(steps(PLAN, FaultBoard()), drive)
-        readout = Readout(machine, fresh, drive, lambda name: aligned_setup(machine, BOX, name))
+        readout = Readout(
+            machine, fresh, drive, lambda name: aligned_setup(machine, BOX, name)
+        )
         stops = dwelt(PLAN, drive)
         readings.append(
-            np.array([readout.read(np.array([segment.end_s - 1e-6]))[0][0] for segment in stops])
+            np.array(
+                [readout.read(np.array([segment.end_s - 1e-6]))[0][0] for segment in stops]
+            )
         )
     off = np.array([segment.true_to_mm - segment.to_mm for segment in stops])
-    assert readings[1] - readings[0] == pytest.approx(off @ outward_direction(BOX, "npp"), abs=1e-6)
+    assert readings[1] - readings[0] == pytest.approx(
+        off @ outward_direction(BOX, "npp"), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize(
@@ -145,7 +164,9 @@ def test_a_wrong_axis_order_is_driven():
 
 
 def test_a_fault_strikes_once_where_it_is_placed():
-    board = FaultBoard((Fault(kind="beam-lost", setup="npp", stop=1, delay_s=0.2, duration_s=1.0),))
+    board = FaultBoard(
+        (Fault(kind="beam-lost", setup="npp", stop=1, delay_s=0.2, duration_s=1.0),)
+    )
     for stop, wall_s in ((0, 5.0), (1, 6.0), (1, 9.0)):
         board.reach("npp", 1, stop, "dwell", wall_s)
     assert board.spans("beam-lost") == [(6.2, 7.2)]
@@ -200,7 +221,9 @@ def test_a_held_dwell_goes_on_until_it_is_let_go():
 def test_a_held_move_stands_in_position_without_saying_so():
     held = [True]
     played = player(
-        hold=lambda segment: held[0] and segment.step.kind == "move" and segment.step.stop == 1
+        hold=lambda segment: (
+            held[0] and segment.step.kind == "move" and segment.step.stop == 1
+        )
     )
     at = played.advance(100.0)
     assert at.step.kind == "move"
@@ -284,7 +307,8 @@ def test_a_stop_dwells_longer_once():
         dwells(Fault(kind="dwell-longer", setup="npp", stop=2, duration_s=3.5)),
     )
     more_s = [
-        after.duration_s - before.duration_s for before, after in zip(usual, longer, strict=True)
+        after.duration_s - before.duration_s
+        for before, after in zip(usual, longer, strict=True)
     ]
     assert [(number, each) for number, each in enumerate(more_s) if each] == [(2, 3.5)]
 

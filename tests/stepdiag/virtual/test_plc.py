@@ -45,7 +45,9 @@ def bench():
     player = Player(steps(plan, faults), drive)
 
     def plc(**options):
-        return Plc(player, drive, HALL, clock=StillClock(), faults=faults, scan_s=0.01, **options)
+        return Plc(
+            player, drive, HALL, clock=StillClock(), faults=faults, scan_s=0.01, **options
+        )
 
     return plc, player, faults
 
@@ -108,7 +110,14 @@ def test_actual_positions_show_the_standstill_of_the_axes():
         registers = PositionRegisters(shows=shows, resolution_mm=1e-3)
         shown.append(
             positions_mm(
-                Plc(player, drive, HALL, clock=StillClock(), faults=faults, registers=registers)
+                Plc(
+                    player,
+                    drive,
+                    HALL,
+                    clock=StillClock(),
+                    faults=faults,
+                    registers=registers,
+                )
             )
         )
     assert shown[0] == pytest.approx([50.0, 80.0, 0.0])

@@ -12,7 +12,9 @@ from testkit.linuxcnc.rig import linuxcnc
 
 
 @pytest.fixture(scope="session")
-def first_survey(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], tuple[Path, float]]:
+def first_survey(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Callable[[], tuple[Path, float]]:
     """Return a call that drives the survey once, and what it comes to: its folder, which nobody
     writes to, and what the machine errs with nothing loaded.
 

@@ -35,7 +35,11 @@ pytestmark = [pytest.mark.system, pytest.mark.control]
 
 ORIGIN_MM, SIZE_MM = (-200.0, -100.0, -160.0), (300.0, 180.0, 120.0)
 ERRORS = Amplitudes(
-    positioning_um=5.0, straightness_um=5.0, angle_urad=0.0, scale_um_m=40.0, squareness_urad=40.0
+    positioning_um=5.0,
+    straightness_um=5.0,
+    angle_urad=0.0,
+    scale_um_m=40.0,
+    squareness_urad=40.0,
 )
 LINES = """\
 setups = ["ppp", "npp", "pnp", "ppn", "linear-x", "linear-z"]
@@ -58,7 +62,9 @@ offset_mm = [0.0, 35.0, 0.0]
 
 
 @pytest.mark.timeout(1500)
-def test_faces_other_edges_three_orders_and_irregular_runs_end_in_files(tmp_path: Path) -> None:
+def test_faces_other_edges_three_orders_and_irregular_runs_end_in_files(
+    tmp_path: Path,
+) -> None:
     """The number that the machine shows names the line, the daemon waits for the next one, and the
     result is right."""
     machine = Machine(errors=random_errors(5, ORIGIN_MM, SIZE_MM, ERRORS), chain="FXYZ")
@@ -98,7 +104,8 @@ def test_faces_other_edges_three_orders_and_irregular_runs_end_in_files(tmp_path
         )
         (tmp_path / "survey.toml").write_text(text, encoding="utf-8")
         programs = {
-            program.setup: program.data for program in nc_programs(sequence_of(survey), "linuxcnc")
+            program.setup: program.data
+            for program in nc_programs(sequence_of(survey), "linuxcnc")
         }
         folder = tmp_path / "control" / "0001"
         with daemon(tmp_path / "survey.toml") as log:
@@ -107,7 +114,10 @@ def test_faces_other_edges_three_orders_and_irregular_runs_end_in_files(tmp_path
                 for setup in missing:
                     stand.readout.put(
                         placed(
-                            survey.planned, survey.planned.run_of(setup), (0.4, -0.3), (0.1, 0.15)
+                            survey.planned,
+                            survey.planned.run_of(setup),
+                            (0.4, -0.3),
+                            (0.1, 0.15),
                         )
                     )
                     time.sleep(0.4)

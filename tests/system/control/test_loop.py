@@ -61,7 +61,8 @@ def test_the_whole_loop_on_a_real_control(
         )
     held = lattice.parse(ControlFile(name="lattice.csv", data=whole["lattice.csv"]))
     with linuxcnc(
-        kinematics=whole | lattice_file(replace(held, vectors_um=-held.vectors_um)), swift=True
+        kinematics=whole | lattice_file(replace(held, vectors_um=-held.vectors_um)),
+        swift=True,
     ) as control:
         settled(control)
         reached["signs turned"] = driven_rms_um(control, machine, BOX)

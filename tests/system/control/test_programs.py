@@ -17,7 +17,9 @@ from testkit.linuxcnc.standing import stands
 
 pytestmark = [pytest.mark.system, pytest.mark.control]
 
-VOLUME = Volume(origin_mm=(-200.0, -100.0, -150.0), size_mm=(400.0, 200.0, 150.0), increments=2)
+VOLUME = Volume(
+    origin_mm=(-200.0, -100.0, -150.0), size_mm=(400.0, 200.0, 150.0), increments=2
+)
 SWIFT = Sequence(name="rig", volume=VOLUME, feed_mm_min=90000.0, dwell_s=0.1, overrun_mm=5.0)
 
 
@@ -30,15 +32,21 @@ def control() -> Iterator[Control]:
 class TestPrograms:
     """The programs on a control without any compensation."""
 
-    def test_the_control_stands_exactly_where_the_survey_commands(self, control: Control) -> None:
+    def test_the_control_stands_exactly_where_the_survey_commands(
+        self, control: Control
+    ) -> None:
         """Every stop of outward and return pass, with its setup and counter, in position, and
         nothing left on afterwards."""
         sequence = replace(SWIFT, setups=("npp", "linear-z"))
         for program in nc_programs(sequence, "linuxcnc"):
             driven = stands(control, program.data)
-            wanted = [stop for each in passes_of(sequence, program.setup) for stop in each.stops]
+            wanted = [
+                stop for each in passes_of(sequence, program.setup) for stop in each.stops
+            ]
             assert [state.count for state in driven] == [stop.count for stop in wanted]
-            assert {state.setup for state in driven} == {setup_code(program.setup, SWIFT.setups)}
+            assert {state.setup for state in driven} == {
+                setup_code(program.setup, SWIFT.setups)
+            }
             assert all(state.in_position for state in driven)
             positions = [stop.position_mm for stop in wanted]
             np.testing.assert_allclose(
@@ -65,7 +73,10 @@ class TestPrograms:
             def answer(state: State) -> None:
                 if not state.stopped or state.count in answered:
                     return
-                if state.time_ns - since_ns.setdefault(state.count, state.time_ns) > 500_000_000:
+                if (
+                    state.time_ns - since_ns.setdefault(state.count, state.time_ns)
+                    > 500_000_000
+                ):
                     answered.append(state.count)
                     plc.sendall(struct.pack(">HHHBBHH", 1, 0, 6, 1, 6, 100, state.count))
 
@@ -86,12 +97,18 @@ class TestPrograms:
 
         def watch(state: State) -> None:
             if state.in_position and not state.stopped and state.setup == 21:
-                stood.setdefault(tuple(np.round(state.commanded_mm, 4)), []).append(state.time_ns)
+                stood.setdefault(tuple(np.round(state.commanded_mm, 4)), []).append(
+                    state.time_ns
+                )
 
         control.on_state = watch
         control.run(program.data)
-        places = {place for place, times in stood.items() if times[-1] - times[0] > 250_000_000}
+        places = {
+            place for place, times in stood.items() if times[-1] - times[0] > 250_000_000
+        }
         for x in (-200.0, 200.0):
-            wanted = {(x, -100.0 + beside, -150.0) for beside in (-0.3, -0.15, 0.0, 0.15, 0.3)}
+            wanted = {
+                (x, -100.0 + beside, -150.0) for beside in (-0.3, -0.15, 0.0, 0.15, 0.3)
+            }
             wanted |= {(x, -100.0, -150.0 + beside) for beside in (-0.3, -0.15, 0.15, 0.3)}
             assert {tuple(np.round(place, 4)) for place in wanted} <= places

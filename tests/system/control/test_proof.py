@@ -37,7 +37,8 @@ def test_a_wrong_sign_is_undone_on_a_real_control(
     own = tmp_path / "first"
     shutil.copytree(first.parents[1], own, ignore=shutil.ignore_patterns("laser"))
     comp, _ = screw_files(
-        parse_result((first / "result.json").read_text(encoding="utf-8"), "result.json"), tmp_path
+        parse_result((first / "result.json").read_text(encoding="utf-8"), "result.json"),
+        tmp_path,
     )
     wrong = comp | {"X": turned(comp["X"])}
     reached = {}
@@ -70,7 +71,9 @@ def test_a_wrong_sign_is_undone_on_a_real_control(
 def turned(comp: bytes) -> bytes:
     """Return a COMP_FILE whose trims have the other sign: actual positions mirrored at the nominal
     ones."""
-    rows = [[float(word) for word in line.split()] for line in comp.decode("ascii").splitlines()]
+    rows = [
+        [float(word) for word in line.split()] for line in comp.decode("ascii").splitlines()
+    ]
     return "".join(
         f"{at:.6f} {2 * at - ahead:.6f} {2 * at - back:.6f}\n" for at, ahead, back in rows
     ).encode("ascii")
@@ -82,13 +85,18 @@ def proved(control: Control, machine: Machine, folder: Path, comp: dict[str, byt
     held = folder / "loaded"
     write_set(
         held,
-        [ControlFile(name=f"screw_{axis.lower()}.comp", data=data) for axis, data in comp.items()],
+        [
+            ControlFile(name=f"screw_{axis.lower()}.comp", data=data)
+            for axis, data in comp.items()
+        ],
     )
     box = Box(origin_mm=BOX.origin_mm, size_mm=BOX.size_mm, increments=BOX.increments)
     with Stand(control, machine, box, folder, noise_um=NOISE_UM) as stand:
         survey = folder / "survey.toml"
         text = re.sub(
-            r'(?m)^port = ".*"', f'port = "{stand.laser_port}"', survey.read_text(encoding="utf-8")
+            r'(?m)^port = ".*"',
+            f'port = "{stand.laser_port}"',
+            survey.read_text(encoding="utf-8"),
         )
         survey.write_text(
             re.sub(r"(?m)^port = \d+", f"port = {stand.plc_port}", text), encoding="utf-8"
@@ -104,7 +112,12 @@ def proved(control: Control, machine: Machine, folder: Path, comp: dict[str, byt
             "0.1",
         )
         planned = stepdiag(
-            "proof", survey, *options, "--out", folder / f"programs{control.plc_port}", "--json"
+            "proof",
+            survey,
+            *options,
+            "--out",
+            folder / f"programs{control.plc_port}",
+            "--json",
         )
         assert planned.code == 0, planned.refusal
         plan = json.loads(planned.out)
@@ -117,7 +130,9 @@ def proved(control: Control, machine: Machine, folder: Path, comp: dict[str, byt
             for setup, program in by_setup.items():
                 drive(control, stand, setup, program)
             rounds = folder / "control-proof-0001"
-            newest = max(rounds.iterdir(), key=lambda path: path.name if path.is_dir() else "")
+            newest = max(
+                rounds.iterdir(), key=lambda path: path.name if path.is_dir() else ""
+            )
             for attempt in range(12):
                 missing = still_missing(newest, log, len(by_setup) + attempt)
                 if not missing:

@@ -25,7 +25,9 @@ from testkit.linuxcnc.standing import stands
 
 pytestmark = [pytest.mark.system, pytest.mark.control]
 
-VOLUME = Volume(origin_mm=(-200.0, -100.0, -150.0), size_mm=(400.0, 200.0, 150.0), increments=2)
+VOLUME = Volume(
+    origin_mm=(-200.0, -100.0, -150.0), size_mm=(400.0, 200.0, 150.0), increments=2
+)
 SWIFT = Sequence(name="rig", volume=VOLUME, feed_mm_min=90000.0, dwell_s=0.1, overrun_mm=5.0)
 LINES = ("linear-x", "linear-y", "linear-z")
 BACKLASH_UM = 8.0
@@ -55,7 +57,9 @@ def test_the_control_applies_the_files_as_the_law_says() -> None:
         way = travel if number < len(outward.stops) else -travel
         point = np.array([state.commanded_mm])
         law = [
-            total_correction_um([t for t in tables if t.input_axis == axis], point, int(sign)).sum()
+            total_correction_um(
+                [t for t in tables if t.input_axis == axis], point, int(sign)
+            ).sum()
             for axis, sign in zip("XYZ", way, strict=True)
         ]
         moved_um = (np.array(state.motor_mm) - np.array(state.commanded_mm)) * 1000.0
@@ -98,7 +102,10 @@ def test_what_the_control_holds_is_read_back_number_by_number(tmp_path: Path) ->
         assert reading.returncode == 0, missed.decode()
         names = [f"held_screw_{letter}.comp" for letter in "xy"]
         assert said.decode().split() == names
-        held = [ControlFile(name=name, data=(control.folder / name).read_bytes()) for name in names]
+        held = [
+            ControlFile(name=name, data=(control.folder / name).read_bytes())
+            for name in names
+        ]
     same = compare(controller, written, held, profile)
     assert [found.text for found in same.findings] == []
     assert same.numbers == 3 * 3
@@ -138,7 +145,9 @@ def test_a_comp_file_holds_the_backlash_that_it_switches_off() -> None:
     }
     profile = replace(profile, axes=axes)
     controller = LinuxCnc()
-    tables = controller.plan(curves_of(made_result(errors, volume=VOLUME), ["EXX"]), profile).tables
+    tables = controller.plan(
+        curves_of(made_result(errors, volume=VOLUME), ["EXX"]), profile
+    ).tables
     (file,) = (file for file in controller.render(tables, profile) if file.role == "data")
     zeros = b"-200 -200 -200\n200 200 200\n"
     moved = {}
@@ -148,7 +157,10 @@ def test_a_comp_file_holds_the_backlash_that_it_switches_off() -> None:
         for axis, program in enumerate(nc_programs(replace(SWIFT, setups=LINES), "linuxcnc")):
             driven = stands(control, program.data)
             moved["XYZ"[axis]] = np.array(
-                [(state.motor_mm[axis] - state.commanded_mm[axis]) * 1000.0 for state in driven]
+                [
+                    (state.motor_mm[axis] - state.commanded_mm[axis]) * 1000.0
+                    for state in driven
+                ]
             )
     there = VOLUME.increments + 1
     forward, reverse = (

@@ -44,13 +44,16 @@ def run_with(tmp_path, faults, *, ends=None, **options):
         []
         if "dwell" in options
         else [
-            at(each["setup"], each["stop"], "dwell-longer", duration_s=LONGER_S) for each in faults
+            at(each["setup"], each["stop"], "dwell-longer", duration_s=LONGER_S)
+            for each in faults
         ]
     )
     tables = [
         "[[fault]]\n"
         + "".join(
-            f"{key} = {json.dumps(value)}\n" for key, value in each.items() if value is not None
+            f"{key} = {json.dumps(value)}\n"
+            for key, value in each.items()
+            if value is not None
         )
         for each in (*longer, *faults)
     ]
@@ -93,7 +96,9 @@ def test_what_can_be_bridged_costs_nothing(tmp_path):
         "instrument-restart": at("ppn", 4, "laser-unplug", delay_s=0.25, duration_s=0.1),
     }
     book, said, told = run_with(tmp_path, faults.values())
-    assert all(each.whole for each in book.passes), [each.why_incomplete() for each in book.passes]
+    assert all(each.whole for each in book.passes), [
+        each.why_incomplete() for each in book.passes
+    ]
     assert {code for code in faults if " " not in code} <= codes_of(said)
     first = said[: next(at for at, each in enumerate(said) if each["event"] == "pass-ended")]
     assert {"bytes-garbled", "samples-missing"} <= codes_of(first), (
@@ -105,14 +110,18 @@ def test_what_can_be_bridged_costs_nothing(tmp_path):
 
 
 @pytest.mark.impatient
-@pytest.mark.parametrize("options", [{}, {"transport": "rtu", "poll_hz": 40.0}], ids=["TCP", "RTU"])
+@pytest.mark.parametrize(
+    "options", [{}, {"transport": "rtu", "poll_hz": 40.0}], ids=["TCP", "RTU"]
+)
 def test_a_plc_that_answers_after_its_time_out(tmp_path, options):
     """A late answer is never taken for the one to the next poll; a stop that was not seen meanwhile
     is taken from the laser and doubted."""
     book, said, _ = run_with(
         tmp_path, [at("ppp", 2, "plc-late", duration_s=0.3, value=0.4)], dwell=6.0, **options
     )
-    assert all(each.whole for each in book.passes), [each.why_incomplete() for each in book.passes]
+    assert all(each.whole for each in book.passes), [
+        each.why_incomplete() for each in book.passes
+    ]
     assert "link-silent" in codes_of(said)
     late = [each["detail"] for each in said if each["event"] == "answers-late"]
     assert re.search(r"raise plc.timeout_s above 0\.[4-9]", late[0]), late
@@ -140,7 +149,9 @@ def test_what_cannot_is_asked_for_again_by_name(tmp_path):
         "pnp": ("step-mismatch", at("pnp", 3, "laser-reset", phase="move")),
         "ppn": ("stop-lost", at("ppn", 3, "stop-skipped")),
     }
-    book, said, told = run_with(tmp_path, [fault for _, fault in expected.values()], dwell=3.0)
+    book, said, told = run_with(
+        tmp_path, [fault for _, fault in expected.values()], dwell=3.0
+    )
     for setup, (code, _) in expected.items():
         (only,) = book.of(setup)
         assert not only.complete, setup
@@ -154,7 +165,9 @@ def test_a_program_with_another_order_of_axes_is_named(tmp_path):
     book, said, _ = run_with(
         tmp_path, [{"kind": "axis-order", "setup": "ppp", "text": "yxz"}], n=1, dwell=3.0
     )
-    (named,) = [each for each in said if each["event"] == "finding" and each["severity"] == "error"]
+    (named,) = [
+        each for each in said if each["event"] == "finding" and each["severity"] == "error"
+    ]
     assert 'volume.axis_order = "yxz"' in named["text"]
     assert not book.complete()
 
@@ -217,7 +230,9 @@ def test_a_log_cut_at_every_byte_of_its_last_chunk_replays_up_to_the_cut(tmp_pat
             if last is not None:
                 same = stops[len(before)]
                 assert (last.setup, last.stop) == (same.setup, same.stop)
-                assert last.doubts or last.reading_mm == pytest.approx(same.reading_mm, abs=1e-4)
+                assert last.doubts or last.reading_mm == pytest.approx(
+                    same.reading_mm, abs=1e-4
+                )
     assert list(kept) == sorted(kept, reverse=True)
     assert kept[len(whole)] == stops
     assert len(kept) > 2
@@ -246,7 +261,9 @@ def last_chunks(log):
         summary = make_reader(file).get_summary()
     chunks = sorted(summary.chunk_indexes, key=lambda each: each.chunk_start_offset)
     sizable = [each for each in chunks if each.chunk_length > 500]
-    return sizable[-1].chunk_start_offset, chunks[-1].chunk_start_offset + chunks[-1].chunk_length
+    return sizable[-1].chunk_start_offset, chunks[-1].chunk_start_offset + chunks[
+        -1
+    ].chunk_length
 
 
 def test_the_daemon_refuses_a_folder_it_cannot_write(tmp_path):

@@ -45,7 +45,10 @@ def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp
             said = until(process, "stop", stop=2)
             disk.fill()
             said += until(process, "recorder", state="blocked")
-            assert (said[-1]["level"], said[-1]["reason"]) == ("error", "No space left on device")
+            assert (said[-1]["level"], said[-1]["reason"]) == (
+                "error",
+                "No space left on device",
+            )
             before = stops_in(said)
             time.sleep(1.0)
             said += list(iter(process.poll, None))
@@ -92,7 +95,10 @@ def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp
 def test_a_survey_folder_that_goes_away_is_an_error_in_words(tmp_path, while_recording):
     """Unmounted or moved, and nothing is recorded elsewhere in silence: the daemon ends, and says
     what to do."""
-    with hall(tmp_path, setups=("ppp",), n=1, **PACED) as place, daemon(place.survey) as process:
+    with (
+        hall(tmp_path, setups=("ppp",), n=1, **PACED) as place,
+        daemon(place.survey) as process,
+    ):
         if while_recording:
             place.start_setups(stop_after=1)
             until(process, "stop")
@@ -121,7 +127,9 @@ def test_a_clock_set_by_an_hour_changes_nothing_but_the_time_of_day(tmp_path):
 
     off_by.write_text("0")
     with hall(tmp_path, n=2, back=True, **PACED) as place:
-        with daemon(place.survey, command=(sys.executable, str(SET_CLOCK), str(off_by))) as process:
+        with daemon(
+            place.survey, command=(sys.executable, str(SET_CLOCK), str(off_by))
+        ) as process:
             place.start_setups(stop_after=1)
             until(
                 process, "stop", stop=0

@@ -18,7 +18,10 @@ from testkit.running.controls import s7_control, telegram, tnc_control
 
 pytestmark = pytest.mark.system
 
-S7_RANGES = [ReadRange("db4900", 0, 6), *(ReadRange(f"db390{axis}", 0, 1) for axis in range(3))]
+S7_RANGES = [
+    ReadRange("db4900", 0, 6),
+    *(ReadRange(f"db390{axis}", 0, 1) for axis in range(3)),
+]
 TNC_RANGES = [ReadRange("B", 280, 8), ReadRange("B", 1026, 1)]
 CONNECTIONS, READS = 60, 3
 OPENING = {"s7": 2, "lsv2": 12}
@@ -55,11 +58,19 @@ def between(port, opening, dice):
     def accept():
         with suppress(OSError):
             while True:
-                near, far = listener.accept()[0], socket.create_connection(("127.0.0.1", port))
+                near, far = (
+                    listener.accept()[0],
+                    socket.create_connection(("127.0.0.1", port)),
+                )
                 threads.append(
                     threading.Thread(
                         target=both_ways,
-                        args=(near, far, random.Random(dice.random()), dice.choice((0, opening))),
+                        args=(
+                            near,
+                            far,
+                            random.Random(dice.random()),
+                            dice.choice((0, opening)),
+                        ),
                     )
                 )
                 threads[-1].start()

@@ -52,7 +52,9 @@ def recording(folder, format_, plc, more=""):
     """Run a daemon on a pty and a PLC; yields process, pty and the page's port."""
     line, page = Pty(), reserved_port()
     survey = folder / "flood.toml"
-    survey.write_text(SURVEY.format(format=format_, port=line.name, plc=plc, page=page, more=more))
+    survey.write_text(
+        SURVEY.format(format=format_, port=line.name, plc=plc, page=page, more=more)
+    )
     with (folder / "log").open("wb") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "stepdiag", "run", str(survey)], stderr=log
@@ -95,7 +97,9 @@ def memory_mb(process):
     """Return the resident memory of a process."""
     status = Path(f"/proc/{process.pid}/status").read_text()
     return next(
-        int(line.split()[1]) / 1024 for line in status.splitlines() if line.startswith("VmRSS")
+        int(line.split()[1]) / 1024
+        for line in status.splitlines()
+        if line.startswith("VmRSS")
     )
 
 
@@ -126,7 +130,9 @@ def ends(process):
     before = computed_s(process)
     process.send_signal(signal.SIGTERM)
     wait_until(
-        lambda: os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+        lambda: (
+            os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+        )
     )
     assert computed_s(process) - before < ENDS_S
     return process.wait(60)
@@ -135,7 +141,9 @@ def ends(process):
 @pytest.mark.impatient
 @pytest.mark.parametrize(
     ("format_", "more", "noise"),
-    spread([("umd", "", NOISE), ("line", PATTERN, NOISE), ("line", PATTERN, SHORTEST_LINES)], 2),
+    spread(
+        [("umd", "", NOISE), ("line", PATTERN, NOISE), ("line", PATTERN, SHORTEST_LINES)], 2
+    ),
 )
 def test_noise_at_four_megabytes_a_second(tmp_path, format_, more, noise):
     """The machine goes on being polled, the page answers, memory stays, and SIGTERM works."""
@@ -189,7 +197,9 @@ def hostile_plc():
     def accept():
         with suppress(OSError):
             while True:
-                threading.Thread(target=serve, args=(listener.accept()[0],), daemon=True).start()
+                threading.Thread(
+                    target=serve, args=(listener.accept()[0],), daemon=True
+                ).start()
 
     threading.Thread(target=accept, daemon=True).start()
     try:

@@ -180,7 +180,9 @@ def test_a_line_pulled_out_is_read_again_when_it_returns(tmp_path):
         wait_until(lambda: b"".join(heard) == b"beforeafter")
 
     async def run():
-        stream = SerialStream(SerialSettings(port=str(link)), lambda data, _: heard.append(data))
+        stream = SerialStream(
+            SerialSettings(port=str(link)), lambda data, _: heard.append(data)
+        )
         task = asyncio.create_task(
             Reconnector("laser", stream.session, lambda state, *_: states.append(state)).run()
         )

@@ -139,7 +139,12 @@ def test_an_order_that_does_not_say_where_it_comes_from_is_refused(page):
 def test_files_are_for_those_with_the_token(page):
     """A list, a result, a report and a log: 403 without; by header, or by the cookie that the token
     was exchanged for."""
-    paths = ("/downloads.json", "/result.json", "/download/report.html", "/download/result.json")
+    paths = (
+        "/downloads.json",
+        "/result.json",
+        "/download/report.html",
+        "/download/result.json",
+    )
     assert [ask(page, path)[0] for path in paths] == [403] * 4
     assert [ask(page, path, Authorization=bearer(TOKEN))[0] for path in paths] == [200] * 4
     status, headers, _ = ask(page, "/access", method="POST", Authorization=bearer(TOKEN))
@@ -151,7 +156,9 @@ def test_files_are_for_those_with_the_token(page):
     shown = cookie.partition(";")[0]
     assert [ask(page, path, Cookie=shown)[0] for path in paths] == [200] * 4
     assert ask(page, "/download/report.html", Cookie=shown + "x")[0] == 403
-    assert ask(page, "/command", method="POST", body=b'{"name":"start"}', Cookie=shown)[0] == 403
+    assert (
+        ask(page, "/command", method="POST", body=b'{"name":"start"}', Cookie=shown)[0] == 403
+    )
 
 
 def test_wrong_tokens_are_delayed_counted_and_said(tmp_path):
@@ -161,7 +168,10 @@ def test_wrong_tokens_are_delayed_counted_and_said(tmp_path):
 
         def guess(_):
             began = time.monotonic()
-            assert ask(page, "/access", method="POST", Authorization=bearer("guess" * 4))[0] == 403
+            assert (
+                ask(page, "/access", method="POST", Authorization=bearer("guess" * 4))[0]
+                == 403
+            )
             return time.monotonic() - began
 
         with ThreadPoolExecutor(10) as guessing:
@@ -174,7 +184,13 @@ def test_wrong_tokens_are_delayed_counted_and_said(tmp_path):
 def test_orders_are_logged_with_their_address(tmp_path, capsys):
     """Who did it is asked afterwards."""
     with served(tmp_path, token=TOKEN) as page:
-        ask(page, "/command", method="POST", body=b'{"name":"pause"}', Authorization=bearer(TOKEN))
+        ask(
+            page,
+            "/command",
+            method="POST",
+            body=b'{"name":"pause"}',
+            Authorization=bearer(TOKEN),
+        )
         assert page.do(lambda: page.survey.addresses) == ["127.0.0.1"]
 
 

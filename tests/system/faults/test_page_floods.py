@@ -32,7 +32,9 @@ def many(place, port, count, words):
     count as well."""
     for _ in range(count):
         with suppress(OSError):
-            one = place.enter_context(socket.create_connection(("127.0.0.1", port), timeout=0.2))
+            one = place.enter_context(
+                socket.create_connection(("127.0.0.1", port), timeout=0.2)
+            )
             one.sendall(words)
 
 
@@ -96,7 +98,9 @@ def answers_soon(port):
     while time.monotonic() < end:
         with (
             suppress(OSError),
-            urllib.request.urlopen(f"http://127.0.0.1:{port}/about.json", timeout=10) as answer,
+            urllib.request.urlopen(
+                f"http://127.0.0.1:{port}/about.json", timeout=10
+            ) as answer,
         ):
             return answer.status == 200
     return False
@@ -108,7 +112,13 @@ def test_a_page_that_dies_is_started_again_and_the_recording_does_not_notice(tmp
     port = reserved_port()
     with (
         hall(
-            tmp_path, setups=("ppp",), n=2, handshake=True, dwell=0.5, page=True, page_port=port
+            tmp_path,
+            setups=("ppp",),
+            n=2,
+            handshake=True,
+            dwell=0.5,
+            page=True,
+            page_port=port,
         ) as place,
         daemon(place.survey) as process,
     ):

@@ -85,7 +85,10 @@ def test_a_head_out_of_the_box_measures_after_one_run(tmp_path):
             place.start_setups()
             said = until(process, "survey-open")
         assert "next: `stepdiag fourdof commission`" in said[-1]["reason"]
-        logs, truth = place.round, build_machine(read_config(tmp_path / "bench.toml")).truth(4)
+        logs, truth = (
+            place.round,
+            build_machine(read_config(tmp_path / "bench.toml")).truth(4),
+        )
     found = json.loads(
         fourdof(
             "commission",
@@ -102,9 +105,16 @@ def test_a_head_out_of_the_box_measures_after_one_run(tmp_path):
         ("psd1.rotation_mrad", -20.0),
         ("psd2.rotation_mrad", 15.0),
     ):
-        assert abs(found["fields"][name]["value"] - true) < 3 * found["fields"][name]["u"], name
+        assert abs(found["fields"][name]["value"] - true) < 3 * found["fields"][name]["u"], (
+            name
+        )
     file = parse_head_file((tmp_path / "made.toml").read_bytes(), "made.toml")
-    assert (file.qd.x.sign, file.qd.y.sign, file.psd1.x.sign, file.psd1.y.sign) == (-1, 1, 1, -1)
+    assert (file.qd.x.sign, file.qd.y.sign, file.psd1.x.sign, file.psd1.y.sign) == (
+        -1,
+        1,
+        1,
+        -1,
+    )
     assert (file.psd2.x.sign, file.psd2.y.sign) == (-1, -1)
     assert file.absent() == []
     assert {each.by for each in file.measured.values()} == {"fourdof commission"}

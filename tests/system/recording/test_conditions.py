@@ -43,7 +43,9 @@ def test_a_sensor_that_fails_in_the_middle_is_held_and_named(tmp_path):
             said = until(process, "survey-complete")
         (tmp_path / "air.toml").write_text("[environment]\nair_pressure_hpa = 950.0\n")
         stated = json.loads(
-            stepdiag("solve", place.round, "--environment", tmp_path / "air.toml", "--json").out
+            stepdiag(
+                "solve", place.round, "--environment", tmp_path / "air.toml", "--json"
+            ).out
         )
     texts = [
         each["text"]
@@ -84,7 +86,9 @@ def test_a_plc_without_sensors_leaves_the_survey_open_with_its_readings(tmp_path
         )
         guessed = json.loads(stepdiag("solve", place.round, "--json").out)
         stated = json.loads(
-            stepdiag("solve", place.round, "--environment", tmp_path / "air.toml", "--json").out
+            stepdiag(
+                "solve", place.round, "--environment", tmp_path / "air.toml", "--json"
+            ).out
         )
     assert [each["code"] for each in guessed["findings"] if each["severity"] == "error"] == [
         "air-unknown"
@@ -105,7 +109,9 @@ def test_a_plc_without_sensors_leaves_the_survey_open_with_its_readings(tmp_path
 def test_registers_that_stand_still_close_no_stop(tmp_path):
     """The machine drives on behind them: what they said meanwhile is believed of no stop."""
     frozen = fault(kind="plc-frozen", setup="ppp", stop=2, delay_s=0.35, duration_s=2.6)
-    with hall(tmp_path, setups=("ppp",), n=2, dwell=5.0, faults=frozen, **COMPENSATED) as place:
+    with hall(
+        tmp_path, setups=("ppp",), n=2, dwell=5.0, faults=frozen, **COMPENSATED
+    ) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended")

@@ -56,5 +56,6 @@ def test_readings_that_contradict_each_other_are_not_exported_and_the_pass_is_na
         with daemon(place.survey) as process:
             assert "linear-y" in until(process, "survey-open")[-1]["reason"]
         assert (
-            json.loads(stepdiag("status", place.survey, "--json").out)["doubts"] == told["doubts"]
+            json.loads(stepdiag("status", place.survey, "--json").out)["doubts"]
+            == told["doubts"]
         )

@@ -133,7 +133,11 @@ def test_a_survey_that_cannot_be_solved_stays_open(tmp_path):
     (tmp_path / "angles.csv").write_text(
         "axis,position_mm,EA_urad,EB_urad,EC_urad\nx,0,1,1,1\nx,100,nonsense,1,1\n"
     )
-    options = {**QUICK, "exports": '[solver]\nangles = "angles.csv"\n', "setups": ("ppp", "npp")}
+    options = {
+        **QUICK,
+        "exports": '[solver]\nangles = "angles.csv"\n',
+        "setups": ("ppp", "npp"),
+    }
     with hall(tmp_path, **options) as place:
         with daemon(place.survey) as process:
             place.start_setups()
@@ -143,8 +147,12 @@ def test_a_survey_that_cannot_be_solved_stays_open(tmp_path):
         told = json.loads(stepdiag("status", place.survey, "--json").out)
         assert told["unsolved"] in opened["reason"]
         assert "nonsense" in told["unsolved"]
-        assert "every pass is in, and there is no result: angles.csv" in live.replace("\n", " ")
+        assert "every pass is in, and there is no result: angles.csv" in live.replace(
+            "\n", " "
+        )
         assert (place.round / "readings.csv").exists()
         with daemon(place.survey) as process:
             assert until(process, "survey-open")[-1]["reason"] == opened["reason"]
-        assert [each.name for each in (tmp_path / "hall").iterdir() if each.is_dir()] == ["0001"]
+        assert [each.name for each in (tmp_path / "hall").iterdir() if each.is_dir()] == [
+            "0001"
+        ]

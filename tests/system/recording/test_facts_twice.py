@@ -23,7 +23,9 @@ COMPENSATED = {"laser_bench": "compensated = true\n", "laser_survey": "compensat
 
 def findings_of(said, code):
     """Return what was said under a code."""
-    return [each["text"] for each in said if each["event"] == "finding" and each["code"] == code]
+    return [
+        each["text"] for each in said if each["event"] == "finding" and each["code"] == code
+    ]
 
 
 @pytest.mark.impatient
@@ -63,7 +65,8 @@ def test_without_position_registers_it_is_said_what_nobody_checks(tmp_path):
     assert text in [each["text"] for each in result["findings"]]
     assert code == 0
     assert (
-        "every stop is taken to be where the plan has it" in (tmp_path / "report.html").read_text()
+        "every stop is taken to be where the plan has it"
+        in (tmp_path / "report.html").read_text()
     )
 
 
@@ -111,7 +114,9 @@ THERE_AND_BACK = [
         2,
     ),
 )
-def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, words, troubles):
+def test_a_window_that_contradicts_itself_keeps_its_pass_open(
+    tmp_path, code, words, troubles
+):
     """A step inside the dwell, a reading that jumps and comes back, a frozen value: named on the
     stop; the pass is to be driven again."""
     faults = longer(2, 3.5) + "".join(fault(setup="ppp", stop=2, **each) for each in troubles)
@@ -123,18 +128,22 @@ def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, wo
         told = stepdiag("status", place.survey, "--verbose").out
     assert "stop 3 of 4" in findings_of(said, code)[0]
     assert words in findings_of(said, code)[0]
-    assert [(each.setup, each.pass_number, each.stop, each.code) for each in book.doubts()] == [
-        ("ppp", 1, 2, code)
-    ]
+    assert [
+        (each.setup, each.pass_number, each.stop, each.code) for each in book.doubts()
+    ] == [("ppp", 1, 2, code)]
     assert not book.complete()
     assert "may be wrong" in told
     assert "drive again from stop 2 on" in told
     doubted = book.passes[0].chosen()[2]
-    assert doubted.u_um > LEAST_U_UM, "a reading that stands still is no better than its resolution"
+    assert doubted.u_um > LEAST_U_UM, (
+        "a reading that stands still is no better than its resolution"
+    )
 
 
 STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n'
-COUNTED = STOPPED + "[plc.signals.setup]\naddress = 3\n[plc.signals.stop_count]\naddress = 1\n"
+COUNTED = (
+    STOPPED + "[plc.signals.setup]\naddress = 3\n[plc.signals.stop_count]\naddress = 1\n"
+)
 
 
 CUBE = (200.0, 200.0, 200.0)
@@ -151,9 +160,17 @@ DRIVEN_AGAIN = [
 def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, back_by, box):
     """Whole, or from a stop: the laser's unbroken count says where the machine is, and every
     reading is right."""
-    trouble = fault(kind="program-aborted", setup="ppp", stop=4, value=back_by, duration_s=10.0)
+    trouble = fault(
+        kind="program-aborted", setup="ppp", stop=4, value=back_by, duration_s=10.0
+    )
     with hall(
-        tmp_path, dwell=3.0, setups=("ppp",), signals=signals, faults=trouble, **box, **COMPENSATED
+        tmp_path,
+        dwell=3.0,
+        setups=("ppp",),
+        signals=signals,
+        faults=trouble,
+        **box,
+        **COMPENSATED,
     ) as place:
         with daemon(place.survey) as process:
             place.start_setups()
@@ -175,7 +192,9 @@ def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, ba
 
 
 @pytest.mark.impatient
-def test_where_nobody_can_tell_the_whole_pass_is_asked_for_and_driven_again_it_is_right(tmp_path):
+def test_where_nobody_can_tell_the_whole_pass_is_asked_for_and_driven_again_it_is_right(
+    tmp_path,
+):
     """A cube by `stopped` alone, left at the last stop but one, the beam cut, begun anew: its first
     stop reads as the last one would."""
     troubles = fault(
@@ -198,12 +217,20 @@ def test_where_nobody_can_tell_the_whole_pass_is_asked_for_and_driven_again_it_i
 
 
 @pytest.mark.impatient
-def test_where_the_count_was_lost_and_the_machine_says_no_place_its_stops_are_doubted(tmp_path):
+def test_where_the_count_was_lost_and_the_machine_says_no_place_its_stops_are_doubted(
+    tmp_path,
+):
     """A box by `stopped` alone, the beam cut on the way: the step tells which stop it is, but
     nobody that the pass was not begun anew."""
     trouble = fault(kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.1)
     with hall(
-        tmp_path, n=1, dwell=3.0, setups=("ppp",), signals=STOPPED, faults=trouble, **COMPENSATED
+        tmp_path,
+        n=1,
+        dwell=3.0,
+        setups=("ppp",),
+        signals=STOPPED,
+        faults=trouble,
+        **COMPENSATED,
     ) as place:
         with daemon(place.survey) as process:
             place.start_setups()
@@ -265,7 +292,9 @@ def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_p
     """Whether the machine stood where it should a person says: the words are in journal and
     status."""
     trouble = fault(kind="plc-alarm", setup="ppp", stop=2, phase="move", duration_s=0.2)
-    with hall(tmp_path, n=1, dwell=3.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
+    with hall(
+        tmp_path, n=1, dwell=3.0, setups=("ppp",), faults=trouble, **COMPENSATED
+    ) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "survey-open")
@@ -275,7 +304,9 @@ def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_p
     assert re.search(
         r"\(ppp\) out, stop 3 of 4: the machine reported an alarm at [0-9:]{8} UTC", text
     )
-    assert [(each.place, each.code) for each in book.doubts()] == [("ppp/1/2", "machine-alarm")]
+    assert [(each.place, each.code) for each in book.doubts()] == [
+        ("ppp/1/2", "machine-alarm")
+    ]
     assert "ppp/1/2 --reason" in told
 
 
@@ -301,7 +332,9 @@ def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
 
 
 @pytest.mark.impatient
-def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_stays_open(tmp_path):
+def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_stays_open(
+    tmp_path,
+):
     """Whether the mirror moved or turned nobody knows: the pass is asked for again from two stops
     before, and a person hears why."""
     troubles = fault(
@@ -359,9 +392,13 @@ def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
 
 
 @pytest.mark.impatient
-def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_and_size(tmp_path):
+def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_and_size(
+    tmp_path,
+):
     """Nothing in the recording tells it: the solver names it, and what else it may have been."""
-    trouble = fault(kind="laser-jump", setup="npp", pass_number=1, stop=4, phase="move", value=20.0)
+    trouble = fault(
+        kind="laser-jump", setup="npp", pass_number=1, stop=4, phase="move", value=20.0
+    )
     runs = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
     driven = {
         "n": 2,
@@ -387,7 +424,9 @@ def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_
         != set()
     )
     (size,) = set(
-        re.findall(r"\(npp\), pass 1 out, stop 5 \(a step of \+([0-9.]+) µm before it\)", reason)
+        re.findall(
+            r"\(npp\), pass 1 out, stop 5 \(a step of \+([0-9.]+) µm before it\)", reason
+        )
     )
     assert float(size) == pytest.approx(20.0, abs=1.0)
     assert not (place.round / "result.json").exists()
@@ -414,7 +453,9 @@ def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
     (only,) = book.passes
     assert only.complete, only.why_incomplete()
     assert not [
-        each for each in said if each["event"] == "finding" and each["code"] != "instrument-reports"
+        each
+        for each in said
+        if each["event"] == "finding" and each["code"] != "instrument-reports"
     ]
 
 

@@ -86,25 +86,31 @@ def test_diagonals_lines_and_head_give_one_result_and_replay_to_the_same_bytes(t
         assert said[-1]["exit_code"] == 0, said[-1]
         result = json.loads((place.round / "result.json").read_text())
         identified = [
-            name for name, function in result["errors"].items() if function["value"] is not None
+            name
+            for name, function in result["errors"].items()
+            if function["value"] is not None
         ]
-        assert set(identified) == {f"E{kind}{axis}" for axis in "XYZ" for kind in "XYZABC"} - {
-            "ECZ"
-        }
+        assert set(identified) == {
+            f"E{kind}{axis}" for axis in "XYZ" for kind in "XYZABC"
+        } - {"ECZ"}
         assert all(
             entry["value"] is not None
             for entry in (*result["squareness"].values(), *result["scale"].values())
         )
         for name in ("EBX", "ECX", "EAY", "ECY", "EAZ", "EBZ"):
             assert (
-                np.abs(np.array(result["errors"][name]["value"]) - truth.errors[name]).max() < 2.5
+                np.abs(np.array(result["errors"][name]["value"]) - truth.errors[name]).max()
+                < 2.5
             ), name
         for name in ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"):
             assert (
-                np.abs(np.array(result["errors"][name]["value"]) - truth.errors[name]).max() < 1.0
+                np.abs(np.array(result["errors"][name]["value"]) - truth.errors[name]).max()
+                < 1.0
             ), name
             assert result["head_straightness"][name]["passes"] == 1
-        assert "straightness-misclosure" not in {finding["code"] for finding in result["findings"]}
+        assert "straightness-misclosure" not in {
+            finding["code"] for finding in result["findings"]
+        }
         assert "Straightness by the 4-DOF head" in (place.round / "report.html").read_text()
         build()
         replayed = CliRunner().invoke(
@@ -129,14 +135,23 @@ def assert_head_commands_read_the_logs(logs, truth, folder):
     (folder / "reference.csv").write_text("\n".join(lines) + "\n")
     compared = CliRunner().invoke(
         app,
-        ["fourdof", "compare", str(logs), "--reference", str(folder / "reference.csv"), "--json"],
+        [
+            "fourdof",
+            "compare",
+            str(logs),
+            "--reference",
+            str(folder / "reference.csv"),
+            "--json",
+        ],
     )
     assert compared.exit_code == 0, compared.output
     figures = json.loads(compared.stdout)
     figures.pop("arms")
     assert set(figures) >= set(names)
     assert all(each["rms"] < 0.3 for each in figures.values())
-    said = CliRunner().invoke(app, ["fourdof", "show", str(logs), "--out", str(folder / "head")])
+    said = CliRunner().invoke(
+        app, ["fourdof", "show", str(logs), "--out", str(folder / "head")]
+    )
     assert said.exit_code == 0, said.output
     assert "minimum-zone" in said.stdout
     assert set(parse_angles((folder / "head" / "angles.csv").read_text())) == {

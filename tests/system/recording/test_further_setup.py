@@ -51,11 +51,15 @@ def test_a_survey_goes_on_with_further_setups_and_keeps_its_logs(tmp_path):
             for each in rounds[:2]
         ]
         assert scales == [False, True]
-        code, out, refusal = stepdiag("replay", rounds[1], "--out", tmp_path / "again", "--json")
+        code, out, refusal = stepdiag(
+            "replay", rounds[1], "--out", tmp_path / "again", "--json"
+        )
         assert code == 0, refusal
         assert json.loads(out)["different"] == []
         code, out, refusal = stepdiag("status", place.survey, "--json")
         assert code == 0, refusal
         standing = json.loads(out)
         assert standing["round"] == "0003"
-        assert [drive["setup"] for drive in standing["to_drive"]] == [went_on["setups"][-1]] * 2
+        assert [drive["setup"] for drive in standing["to_drive"]] == [
+            went_on["setups"][-1]
+        ] * 2

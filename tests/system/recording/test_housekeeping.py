@@ -13,7 +13,9 @@ pytestmark = pytest.mark.system
 
 def test_it_says_that_the_disk_is_nearly_full(tmp_path):
     with hall(tmp_path) as place:
-        place.survey.write_text(f"{place.survey.read_text()}\n[recording]\nmin_free_gb = 1e6\n")
+        place.survey.write_text(
+            f"{place.survey.read_text()}\n[recording]\nmin_free_gb = 1e6\n"
+        )
         with daemon(place.survey, wait_for=()) as process:
             said = until(process, "disk-low")[-1]
     assert said["level"] == "error"
@@ -34,7 +36,9 @@ def test_a_finished_survey_is_packed_when_the_budget_is_exceeded(tmp_path):
         str(Path(sys.executable).with_name("stepdiag")),
     )
     with hall(tmp_path, handshake=True, dwell=0.5, n=1) as place:
-        place.survey.write_text(f"{place.survey.read_text()}\n[recording]\nmax_gb = 0.000001\n")
+        place.survey.write_text(
+            f"{place.survey.read_text()}\n[recording]\nmax_gb = 0.000001\n"
+        )
         with daemon(place.survey, command=program) as process:
             place.start_setups()
             until(process, "survey-complete", exit_code=0)

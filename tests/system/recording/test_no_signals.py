@@ -112,7 +112,9 @@ def test_a_whole_survey_without_signals_is_as_good_as_one_with_them(tmp_path):
             assert said[-1]["exit_code"] == 0, said[-1]
             readings_um[way] = error_um(place, nothing_silently_wrong(place))
             volume_um[way] = left_um(place)
-    code, out, refusal = stepdiag("replay", place.round, "--out", tmp_path / "again", "--json")
+    code, out, refusal = stepdiag(
+        "replay", place.round, "--out", tmp_path / "again", "--json"
+    )
     assert code == 0, refusal
     assert json.loads(out)["different"] == []
     assert readings_um["none"] < 1.1 * readings_um["modbus"] + 0.01
@@ -202,7 +204,9 @@ def test_the_marker_input_of_a_qudis_hears_the_stop_relay(tmp_path):
         assert stepdiag("begin", place.survey, "ppp")[0] == 0
         place.bench.say("start")
         said = until(
-            process, "pass-ended", reason="diagonal X-Y-Z- to X+Y+Z+ (ppp) back: stop 7 is past"
+            process,
+            "pass-ended",
+            reason="diagonal X-Y-Z- to X+Y+Z+ (ppp) back: stop 7 is past",
         )
         assert not [
             each

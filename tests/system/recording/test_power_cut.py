@@ -49,13 +49,21 @@ def test_the_recorder_loses_its_power(tmp_path, happens):
         with daemon(place.survey) as process:
             said = until(process, "stop", stop=6)
             said += until(process, "pass-ended")
-            said += until(process, "survey-complete" if happens == "nothing" else "pass-ended")
+            said += until(
+                process, "survey-complete" if happens == "nothing" else "pass-ended"
+            )
             told = stepdiag("status", place.survey, "--verbose").out
         book = nothing_silently_wrong(place)
-        code, out, refusal = stepdiag("replay", place.round, "--out", tmp_path / "again", "--json")
+        code, out, refusal = stepdiag(
+            "replay", place.round, "--out", tmp_path / "again", "--json"
+        )
     findings = [each for each in said if each["event"] == "finding"]
     remarks = [each["text"] for each in findings if each["code"] == "laser-unwatched"]
-    assert {each["code"] for each in findings} & {"laser-unwatched", "laser-reset", "beam-lost"}
+    assert {each["code"] for each in findings} & {
+        "laser-unwatched",
+        "laser-reset",
+        "beam-lost",
+    }
     assert book.complete() == (happens == "nothing")
     if happens == "nothing":
         assert any("nothing is doubted" in text for text in remarks)

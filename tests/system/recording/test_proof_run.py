@@ -65,7 +65,9 @@ def surveyed(folder: Path) -> Path:
 
 def exported(surveyed: Path, folder: Path) -> list[Path]:
     """Copy what the survey left into a folder of its own; return the exported files."""
-    shutil.copytree(surveyed, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("devices"))
+    shutil.copytree(
+        surveyed, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("devices")
+    )
     files = sorted(
         path
         for path in (folder / "hall" / "0001" / "exports" / "siemens").glob("*.INI")
@@ -172,10 +174,14 @@ def loaded(folder: Path, path: Path, sign: int) -> Path:
 def proved(folder: Path, files: list[Path], name: str) -> dict:
     """Drive a proof run with files in the control; return the verdict that the command prints,
     after status and result hold the same."""
-    with hall(folder, setups=("ppp", "linear-x"), bench=MACHINE + active(files), **DRIVEN) as place:
+    with hall(
+        folder, setups=("ppp", "linear-x"), bench=MACHINE + active(files), **DRIVEN
+    ) as place:
         export = folder / "hall" / "0001" / "exports" / "siemens"
         named = (
-            ("--loaded", export, "--profile", folder / "siemens.toml") if name == "0002" else ()
+            ("--loaded", export, "--profile", folder / "siemens.toml")
+            if name == "0002"
+            else ()
         )  # else as the survey file has them
         options = (
             "--controller",

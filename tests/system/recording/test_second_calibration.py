@@ -109,7 +109,9 @@ def errs_um(machine: Machine, files: list[Path]) -> float:
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     return float(
         np.max(
-            np.linalg.norm(without_rigid_motion(VOLUME, points, machine.error_at(points)), axis=1)
+            np.linalg.norm(
+                without_rigid_motion(VOLUME, points, machine.error_at(points)), axis=1
+            )
         )
     )
 
@@ -145,10 +147,15 @@ def test_no_combination_makes_the_machine_worse_unseen(tmp_path):
     """Profile on or off, four sets of files, a quick look, said in the survey or afterwards:
     refused (5), or never worse than before."""
     bench, measured = survey_of_a_compensated_machine(tmp_path)
-    machine, before_files = machine_with(bench, 1.0), [tmp_path / name for name in GIVEN["right"]]
+    machine, before_files = (
+        machine_with(bench, 1.0),
+        [tmp_path / name for name in GIVEN["right"]],
+    )
     before = errs_um(machine, before_files)
     silent = tmp_path / "silent.toml"
-    silent.write_text((tmp_path / "survey.toml").read_text().replace(ON, ""), encoding="utf-8")
+    silent.write_text(
+        (tmp_path / "survey.toml").read_text().replace(ON, ""), encoding="utf-8"
+    )
     told = stepdiag("solve", measured, "--out", tmp_path / "said.json")
     assert told.code == 0, told.refusal
     again = stepdiag("replay", measured, "--survey", silent, "--out", tmp_path / "silent")

@@ -35,7 +35,9 @@ def captured_in(said):
 def live_and_die(survey, seconds):
     """Run a daemon, kill it without a word after a while, and return what it had said."""
     said = []
-    with talking((sys.executable, "-m", "stepdiag", "run", str(survey)), errors=True) as process:
+    with talking(
+        (sys.executable, "-m", "stepdiag", "run", str(survey)), errors=True
+    ) as process:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if process.lines.empty():
@@ -74,7 +76,9 @@ def test_a_survey_is_completed_across_kills(tmp_path):
         logs = find_logs(
             [place.round]
         )  # a daemon that is killed at once leaves a file with nothing in it
-        noted = [(stop.setup, stop.stop, stop.outward) for log in logs for stop in noted_stops(log)]
+        noted = [
+            (stop.setup, stop.stop, stop.outward) for log in logs for stop in noted_stops(log)
+        ]
         assert set(announced) <= set(noted)
         book = replay(logs).book
         assert all(each.whole for each in book.passes)
@@ -82,8 +86,8 @@ def test_a_survey_is_completed_across_kills(tmp_path):
             "what nobody watched is doubted, and nothing else"
         )
         assert (
-            json.loads(stepdiag("replay", place.round, "--out", tmp_path / "again", "--json").out)[
-                "different"
-            ]
+            json.loads(
+                stepdiag("replay", place.round, "--out", tmp_path / "again", "--json").out
+            )["different"]
             == []
         )

@@ -42,7 +42,8 @@ def assert_solved(place, increments=2):
     result = json.loads((place.round / "result.json").read_text())
     assert all(entry["value"] is not None for entry in result["squareness"].values())
     assert all(
-        len(result["errors"][name]["value"]) == increments + 1 for name in ("EXX", "EYX", "EZZ")
+        len(result["errors"][name]["value"]) == increments + 1
+        for name in ("EXX", "EYX", "EZZ")
     )
     return result
 
@@ -67,7 +68,12 @@ def test_a_survey_is_recorded_solved_exported_and_replayed_to_the_same_bytes(tmp
         } <= exported
         for again, environment in (("again", None), ("elsewhere", OTHER_PROCESSOR)):
             code, out, refusal = process_of_its_own(
-                "replay", place.round, "--out", tmp_path / again, "--json", environment=environment
+                "replay",
+                place.round,
+                "--out",
+                tmp_path / again,
+                "--json",
+                environment=environment,
             )
             assert code == 0, refusal
             compared = json.loads(out)
@@ -129,7 +135,9 @@ def test_the_handshake_paces_the_machine(tmp_path):
             said = until(process, "survey-complete")
         assert said[-1]["exit_code"] == 0
         assert not [
-            each for each in said if each["event"] == "finding" and each["code"].startswith("stop-")
+            each
+            for each in said
+            if each["event"] == "finding" and each["code"].startswith("stop-")
         ]
         assert_solved(place)
 
@@ -168,7 +176,9 @@ def test_a_killed_daemon_goes_on_where_it_was(tmp_path):
             place.setups = place.setups[1:]
             place.start_setups()
             assert until_complete(process, place.survey)[-1]["exit_code"] == 0
-        code, out, refusal = stepdiag("replay", place.round, "--out", tmp_path / "again", "--json")
+        code, out, refusal = stepdiag(
+            "replay", place.round, "--out", tmp_path / "again", "--json"
+        )
         assert code == 0, refusal
         assert json.loads(out)["different"] == []
         book = nothing_silently_wrong(place)
@@ -205,13 +215,17 @@ def test_a_second_daemon_on_the_folder_refuses(tmp_path):
         code, _, said = process_of_its_own("run", place.survey)
     assert code == 2
     assert "no other daemon in this folder" in said
-    assert re.search(r"found another daemon that runs \(process [0-9]+\)", " ".join(said.split()))
+    assert re.search(
+        r"found another daemon that runs \(process [0-9]+\)", " ".join(said.split())
+    )
 
 
 def test_a_wrong_survey_file_is_refused_by_field(tmp_path):
     with hall(tmp_path) as place:
         wrong = tmp_path / "wrong.toml"
-        wrong.write_text(place.survey.read_text().replace("poll_hz = 50.0", 'poll_hz = "fast"'))
+        wrong.write_text(
+            place.survey.read_text().replace("poll_hz = 50.0", 'poll_hz = "fast"')
+        )
         code, _, said = process_of_its_own("run", wrong)
     assert code == 2
     assert 'plc.poll_hz: expected a number above 0, found "fast"' in said

@@ -34,7 +34,9 @@ READ_BLOCK = struct.pack(">HHHBBHH", 1, 0, 6, 1, 3, 0, 14)
 
 def findings_of(said, code):
     """Return what was said under a code."""
-    return [each["text"] for each in said if each["event"] == "finding" and each["code"] == code]
+    return [
+        each["text"] for each in said if each["event"] == "finding" and each["code"] == code
+    ]
 
 
 @pytest.mark.impatient
@@ -96,14 +98,22 @@ def held_at(port, count):
 
 
 @pytest.mark.impatient
-def test_a_daemon_that_comes_back_on_the_way_back_doubts_what_it_takes_for_the_way_out(tmp_path):
+def test_a_daemon_that_comes_back_on_the_way_back_doubts_what_it_takes_for_the_way_out(
+    tmp_path,
+):
     """Without a counter the places are those of the way out: the fourth stop back stands where the
     second one out was.
 
     The first daemon may see one stop more while it ends.
     """
     with hall(
-        tmp_path, n=4, back=True, dwell=4.0, setups=("linear-x",), signals=UNCOUNTED, **COMPENSATED
+        tmp_path,
+        n=4,
+        back=True,
+        dwell=4.0,
+        setups=("linear-x",),
+        signals=UNCOUNTED,
+        **COMPENSATED,
     ) as place:
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)

@@ -70,10 +70,13 @@ def readme_lines():
     """Return what the README says: how this package is installed, what is done with readings from
     elsewhere, and the same from Python."""
     text = (CHECKOUT / "README.md").read_text(encoding="utf-8")
-    install = re.search(r"`(apt install [^`]+)\+deb12_amd64\.deb`", text)[1] + f"+deb*_{HOST}.deb"
+    install = (
+        re.search(r"`(apt install [^`]+)\+deb12_amd64\.deb`", text)[1] + f"+deb*_{HOST}.deb"
+    )
     section = text.partition("## Data from elsewhere")[2].partition("## ")[0]
     shell, python = (
-        re.findall(r"(?m)^    (.+)$", part) for part in section.split("The same steps in Python:")
+        re.findall(r"(?m)^    (.+)$", part)
+        for part in section.split("The same steps in Python:")
     )
     assert all(line.startswith(".venv/bin/stepdiag ") for line in shell)
     return install, [line.removeprefix(".venv/bin/") for line in shell], "\n".join(python)
@@ -92,8 +95,12 @@ def test_a_package_says_what_it_is_and_holds_it(package, held):
     native = [path for path in packages.rglob("*.so*") if path.is_file()]
     machines = {struct.unpack("<H", path.read_bytes()[18:20])[0] for path in native}
     assert machines == {MACHINES[architecture]}
-    assert {"stepdiag", "numpy", "pymodbus", "mcap"} <= {path.name for path in packages.iterdir()}
-    tags = {found[1] for path in native if (found := re.search(r"\.(cpython-3\d+)-", path.name))}
+    assert {"stepdiag", "numpy", "pymodbus", "mcap"} <= {
+        path.name for path in packages.iterdir()
+    }
+    tags = {
+        found[1] for path in native if (found := re.search(r"\.(cpython-3\d+)-", path.name))
+    }
     assert tags == {python.replace("python", "cpython-").replace(".", "")}
     assert list(packages.rglob("*.pyc")) == [], "the system's own Python compiles it"
     assert (held / "opt/stepdiag/share/stepdiag/systemd/stepdiag@.service").exists()
@@ -169,7 +176,9 @@ def test_a_bare_debian_installs_it_uses_it_and_is_rid_of_it(package):
         assert (readme / "python-files/SHA256SUMS").is_file()
         inside("mkdir", "--parents", "/etc/stepdiag")
         inside("stepdiag", "init", "/etc/stepdiag/deb-test.toml")
-        unit = inside("stepdiag", "service", "install", "/etc/stepdiag/deb-test.toml", "--dry-run")
+        unit = inside(
+            "stepdiag", "service", "install", "/etc/stepdiag/deb-test.toml", "--dry-run"
+        )
         assert "stepdiag@deb-test.service.d" in unit
         assert "ExecStart=/opt/stepdiag/bin/stepdiag" in inside(
             "cat", "/usr/lib/systemd/system/stepdiag@.service"
@@ -207,16 +216,24 @@ def test_a_package_is_not_exchanged_under_a_recorder_and_leaves_what_was_measure
     ):
         as_root("rm", "-rf", each)  # what the test of the boot has left
     as_root(
-        "rm", "-rf", root / "opt/stepdiag", root / "etc/stepdiag", root / "var/lib/private/stepdiag"
+        "rm",
+        "-rf",
+        root / "opt/stepdiag",
+        root / "etc/stepdiag",
+        root / "var/lib/private/stepdiag",
     )
-    as_root("install", "-d", root / "opt")  # a package that is removed takes an empty one with it
+    as_root(
+        "install", "-d", root / "opt"
+    )  # a package that is removed takes an empty one with it
     as_root("cp", file, root / "opt/stepdiag.deb")
     as_root("cp", DATA / "golden_stepdiag_rigidbody_FXYZ.csv", root / "opt/readings.csv")
     try:
         with booted(root, "stepdiag-deb-test") as system:
             install = ("dpkg", "--install", "/opt/stepdiag.deb")
             system.run(*install)
-            assert [system.run("id", "-un", name).strip() for name in ACCOUNTS] == list(ACCOUNTS)
+            assert [system.run("id", "-un", name).strip() for name in ACCOUNTS] == list(
+                ACCOUNTS
+            )
             assert "C0Y" in system.run("stepdiag", "solve", "/opt/readings.csv")
             # the usual one may be that of another test's page
             text = f"{SURVEY}\n[page]\nport = {reserved_port()}\n"
@@ -247,7 +264,10 @@ def test_a_package_is_not_exchanged_under_a_recorder_and_leaves_what_was_measure
                 "systemctl", "start", "stepdiag@mill.service"
             )  # without its instruments: that is a state, no failure
             refused = system.run(*install, check=False)
-            assert system.run("systemctl", "is-active", "stepdiag@mill.service").strip() == "active"
+            assert (
+                system.run("systemctl", "is-active", "stepdiag@mill.service").strip()
+                == "active"
+            )
             assert (
                 system.run("dpkg-query", "--show", "--showformat=${Status}", "stepdiag")
                 == "install ok installed"
@@ -311,9 +331,20 @@ def test_the_wheel_is_a_tool_of_its_own(tmp_path):
     """`uv tool install`: a folder and a command, nothing else of the computer is touched."""
     uv = CHECKOUT / ".tools" / "bin" / "uv"
     uv = uv if uv.exists() else shutil.which("uv")
-    environment = {"UV_TOOL_DIR": str(tmp_path / "tools"), "UV_TOOL_BIN_DIR": str(tmp_path / "bin")}
+    environment = {
+        "UV_TOOL_DIR": str(tmp_path / "tools"),
+        "UV_TOOL_BIN_DIR": str(tmp_path / "bin"),
+    }
 
-    command = [uv, "tool", "install", "--quiet", "--python", "python3.11", built_wheel(tmp_path)]
+    command = [
+        uv,
+        "tool",
+        "install",
+        "--quiet",
+        "--python",
+        "python3.11",
+        built_wheel(tmp_path),
+    ]
     done = subprocess.run(
         list(map(str, command)),
         capture_output=True,

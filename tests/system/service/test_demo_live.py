@@ -95,7 +95,9 @@ def test_a_hand_in_the_beam_is_seen_on_the_page(tmp_path):
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
     ) as demo:
-        address = next(line for line in demo.stdout if line.startswith("The page: ")).split()[-1]
+        address = next(line for line in demo.stdout if line.startswith("The page: ")).split()[
+            -1
+        ]
         with urllib.request.urlopen(f"{address}/stream", timeout=200) as stream:
             demo.stdin.write("\n")
             demo.stdin.flush()
@@ -106,7 +108,9 @@ def test_a_hand_in_the_beam_is_seen_on_the_page(tmp_path):
         said, _ = demo.communicate("q", timeout=200)
     assert "hold a hand into the beam" in said
     assert demo.returncode == 0
-    assert list((tmp_path / "demo" / "demo" / "0001").glob("*.mcap*")), "what was recorded stays"
+    assert list((tmp_path / "demo" / "demo" / "0001").glob("*.mcap*")), (
+        "what was recorded stays"
+    )
 
 
 PRESSED = {
@@ -121,7 +125,11 @@ PRESSED = {
         {"alarm_laser"},
         {"samples-missing", "instrument-restart", "bytes-garbled", "stop-without-reading"},
     ),
-    "ppn": ("p", {"alarm_plc"}, {"stop-missed", "stop-lost", "stop-recovered", "pass-broken"}),
+    "ppn": (
+        "p",
+        {"alarm_plc"},
+        {"stop-missed", "stop-lost", "stop-recovered", "pass-broken"},
+    ),
     "linear-x": ("a", set(), {"conditions-held"}),
     "linear-y": ("s", set(), {"stop-missed", "stop-lost", "count-disagrees", "stop-skipped"}),
     "linear-z": ("r", {"alarm_machine"}, {"machine-alarm", "stop-again"}),
@@ -200,7 +208,9 @@ def test_every_key_is_told_and_the_survey_comes_to_its_end(tmp_path, monkeypatch
         person.finish()
     assert {key for key, _, _ in PRESSED.values()} == set(KEYS), "every key is pressed"
     assert [each.does for each in KEYS.values() if each.does not in person.lines] == []
-    assert [key for key, cards, _ in PRESSED.values() if cards and not cards & person.cards] == []
+    assert [
+        key for key, cards, _ in PRESSED.values() if cards and not cards & person.cards
+    ] == []
     assert [
         (key, sorted(person.codes))
         for key, _, codes in PRESSED.values()
@@ -210,5 +220,7 @@ def test_every_key_is_told_and_the_survey_comes_to_its_end(tmp_path, monkeypatch
     said = json.loads((folder / "conclusion.json").read_text(encoding="utf-8"))
     assert "sign test" in said["next_step"][0]["en"]
     assert {
-        path.name for path in (folder / "exports").iterdir() if (path / "SHA256SUMS").is_file()
+        path.name
+        for path in (folder / "exports").iterdir()
+        if (path / "SHA256SUMS").is_file()
     } == {"siemens", "fanuc"}

@@ -91,7 +91,9 @@ class Brokers:
     def __init__(self):
         self.met, self.heard, self.port = [], set(), 0
         self._loop, self._begun = asyncio.new_event_loop(), threading.Event()
-        self._thread = threading.Thread(target=self._loop.run_until_complete, args=(self._serve(),))
+        self._thread = threading.Thread(
+            target=self._loop.run_until_complete, args=(self._serve(),)
+        )
 
     def __enter__(self):
         self._thread.start()

@@ -43,7 +43,9 @@ def asked(serving, work):
     """Return what ``work`` finds as a client that knows nothing but the standard's names."""
 
     async def run():
-        async with Client(serving.url, timeout=PATIENCE_S, watchdog_intervall=PATIENCE_S) as client:
+        async with Client(
+            serving.url, timeout=PATIENCE_S, watchdog_intervall=PATIENCE_S
+        ) as client:
             with subtyped_values():
                 await client.load_data_type_definitions()
                 return await work(client, *(await named(client)))
@@ -125,7 +127,11 @@ def test_a_client_of_another_maker_decodes_a_result_from_its_definition(serving)
     found = by_node(serving)
     assert found["variable"] == found["method"]
     told = found["method"]
-    assert (told["type"], told["part"], told["job"]) == ("ResultMetaDataType", MACHINE, "bench")
+    assert (told["type"], told["part"], told["job"]) == (
+        "ResultMetaDataType",
+        MACHINE,
+        "bench",
+    )
     assert told["content"] == ["stepdiag-result", "stepdiag-findings"]
 
 
@@ -156,8 +162,12 @@ def test_the_day_of_leaving_a_tolerance_is_a_prognosis(tmp_path):
         (found,) = await (
             await machine.get_child([f"{index}:Notification", f"{index}:Prognoses"])
         ).get_children()
-        parts = [await found.get_child(f"{index}:{name}") for name in ("PredictedTime", "Activity")]
-        return await found.read_type_definition(), *[await each.read_value() for each in parts]
+        parts = [
+            await found.get_child(f"{index}:{name}") for name in ("PredictedTime", "Activity")
+        ]
+        return await found.read_type_definition(), *[
+            await each.read_value() for each in parts
+        ]
 
     with Serving(survey, "--plain") as serving:
         kind, time, activity = asked(serving, work)
@@ -175,7 +185,9 @@ def test_the_definition_of_a_result_is_the_published_one(serving):
     no decoder."""
 
     async def work(client, index, _own, _machine, _management):
-        return index, await client.get_node(ua.NodeId(3008, index)).read_data_type_definition()
+        return index, await client.get_node(
+            ua.NodeId(3008, index)
+        ).read_data_type_definition()
 
     index, found = asked(serving, work)
     meta, content = found.Fields
@@ -204,7 +216,9 @@ def test_the_meta_data_are_on_the_wire_as_an_extension_object(serving):
     index, wire = asked(serving, work)
     node = lambda number: bytes((2, index, 0)) + number.to_bytes(4, "little")  # noqa: E731
     assert wire.startswith(node(5008) + b"\1"), "Default Binary of ResultDataType"
-    assert wire[12:].startswith(node(5005) + b"\1"), "Default Binary of ResultMetaDataType, within"
+    assert wire[12:].startswith(node(5005) + b"\1"), (
+        "Default Binary of ResultMetaDataType, within"
+    )
 
 
 def test_an_unknown_result_is_an_error_and_no_result(serving):
@@ -295,12 +309,12 @@ def test_round_and_findings_are_of_one_moment(serving, survey, tmp_path):
 
     seen = asked(serving, work)
     assert ("0002", False, False) in seen
-    assert {found for round_, complete, found in seen if (round_, complete) == ("0002", False)} == {
-        False
-    }
-    assert {found for round_, complete, found in seen if (round_, complete) == ("0002", True)} == {
-        True
-    }
+    assert {
+        found for round_, complete, found in seen if (round_, complete) == ("0002", False)
+    } == {False}
+    assert {
+        found for round_, complete, found in seen if (round_, complete) == ("0002", True)
+    } == {True}
 
 
 def test_nobody_changes_anything(serving):
@@ -389,7 +403,8 @@ def test_with_a_certificate_all_is_encrypted_and_only_the_user_comes_in(survey, 
         client.application_uri = "urn:client"
         if secure:
             files = [
-                survey.parent / each for each in ("client.pem", "client.key.pem", "server.pem")
+                survey.parent / each
+                for each in ("client.pem", "client.key.pem", "server.pem")
             ]
             await client.set_security(
                 SecurityPolicyBasic256Sha256, *files[:2], server_certificate=files[2]
@@ -525,6 +540,8 @@ def test_an_address_that_is_taken_is_refused_before_the_address_space_is_built(
         raise AssertionError("the address space takes seconds")
 
     monkeypatch.setattr(opcua, "_prepared", built)
-    taken = opcua.Endpoint(host="127.0.0.1", port=int(serving.url.split("/")[2].partition(":")[2]))
+    taken = opcua.Endpoint(
+        host="127.0.0.1", port=int(serving.url.split("/")[2].partition(":")[2])
+    )
     with pytest.raises(DeviceError, match="a free address"):
         opcua.serve(None, None, taken, every_s=1.0)

@@ -36,7 +36,9 @@ def unharmed(serving):
     yield
     asyncio.run(honest(serving))
     lines = Path(f"/proc/{serving.process.pid}/status").read_text().splitlines()
-    assert next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) < MEMORY_KB
+    assert (
+        next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) < MEMORY_KB
+    )
 
 
 async def honest(serving, user="", password=""):
@@ -61,7 +63,9 @@ async def honest(serving, user="", password=""):
                         f"{index}:ResultManagement",
                     ]
                     management = await client.nodes.objects.get_child(path)
-                    assert (await management.call_method(f"{index}:GetLatestResult", NOW))[2] == 0
+                    assert (await management.call_method(f"{index}:GetLatestResult", NOW))[
+                        2
+                    ] == 0
                 return
             except (ConnectionError, TimeoutError, ua.UaError) as error:
                 if isinstance(error, ua.uaerrors.BadUserAccessDenied):
@@ -199,7 +203,9 @@ def test_wrong_passwords_are_answered_late_and_ten_of_them_are_a_warning(serving
     async def guesses(running):
         await asyncio.gather(*(guess(running) for _ in range(10)))
 
-    with Serving(survey, "--plain", "--user", USER, "--password-file", secret.name) as running:
+    with Serving(
+        survey, "--plain", "--user", USER, "--password-file", secret.name
+    ) as running:
         begun = time.monotonic()
         asyncio.run(guesses(running))
         assert time.monotonic() - begun >= 10 * DELAY_S

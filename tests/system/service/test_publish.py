@@ -26,7 +26,9 @@ def survey(tmp_path_factory):
     finished_survey(folder / "bench")
     file = folder / "mill.toml"
     file.write_text(
-        SURVEY[: SURVEY.index("[[export]]")].replace('machine = "virtual"', 'machine = "Mill 7/ä"')
+        SURVEY[: SURVEY.index("[[export]]")].replace(
+            'machine = "virtual"', 'machine = "Mill 7/ä"'
+        )
     )
     password = folder / "mqtt.password"
     password.touch(0o600)
@@ -125,7 +127,8 @@ def test_a_newcomer_hears_everything_and_learns_when_the_publisher_dies(survey, 
             publishing.process.send_signal(signal.SIGKILL)
             publishing.process.wait(PATIENCE_S)
             heard(
-                broker, lambda said: set(said) == EVERYTHING and said["online"]["online"] is False
+                broker,
+                lambda said: set(said) == EVERYTHING and said["online"]["online"] is False,
             )  # the will
         with Publishing(survey, broker) as publishing:
             heard(broker, lambda said: said.get("online", {}).get("online") is True)
@@ -143,7 +146,10 @@ def test_a_broker_that_is_away_is_waited_for_and_hears_everything_again(survey, 
             heard(broker, lambda said: set(said) == EVERYTHING)
         publishing.until_said("broker-connected")
         with running(broker):  # it kept nothing
-            heard(broker, lambda said: set(said) == EVERYTHING and said["online"]["online"] is True)
+            heard(
+                broker,
+                lambda said: set(said) == EVERYTHING and said["online"]["online"] is True,
+            )
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,9 @@ CHECKOUT = Path(__file__).parents[3]
 
 def test_what_builds_the_wheel_is_locked_by_hash():
     """The build backend of pyproject.toml and everything that it pulls in."""
-    wanted = tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["build-system"]["requires"]
+    wanted = tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["build-system"][
+        "requires"
+    ]
     locked = (CHECKOUT / "tools/build.txt").read_text()
     entries = re.findall(
         r"^(\S+==\S+) \\\n((?:    --hash=sha256:[0-9a-f]{64}(?: \\)?\n)+)",
@@ -31,7 +33,8 @@ def test_what_builds_the_wheel_is_locked_by_hash():
 
 def test_nothing_younger_than_two_weeks_is_taken():
     assert (
-        tomllib.loads((CHECKOUT / "uv.lock").read_text())["options"]["exclude-newer-span"] == "P2W"
+        tomllib.loads((CHECKOUT / "uv.lock").read_text())["options"]["exclude-newer-span"]
+        == "P2W"
     )
 
 
@@ -49,7 +52,9 @@ def test_the_floors_of_the_dependencies_follow_the_lock():
         *project["dependency-groups"].values(),
     ]
     floors = dict(
-        re.match(r"([a-z0-9-]+)>=([0-9.]+)", each).groups() for group in groups for each in group
+        re.match(r"([a-z0-9-]+)>=([0-9.]+)", each).groups()
+        for group in groups
+        for each in group
     )
     assert floors == {name: locked[name] for name in floors}
     assert {"starlette", "pyarrow"} <= floors.keys()

@@ -31,7 +31,8 @@ def surveys(tmp_path_factory):
     """Finished surveys of as many machines."""
     folder = tmp_path_factory.mktemp("surveys")
     return [
-        finished_survey(folder / str(number), machine=f"M{number}") for number in range(SURVEYS)
+        finished_survey(folder / str(number), machine=f"M{number}")
+        for number in range(SURVEYS)
     ]
 
 
@@ -46,7 +47,9 @@ def store(surveys, tmp_path):
 def resolving(store, *options):
     """Start the command."""
     command = [sys.executable, "-m", "stepdiag", "resolve", store.root, *map(str, options)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
 
 
 def workers_of(pid):
@@ -103,14 +106,16 @@ def test_another_version_writes_beside_says_what_changed_and_goes_on_where_it_st
         files = {**files, "result.json": hashlib.sha256(path.read_bytes()).hexdigest()}
         Path(store.path(place.listed)).write_bytes(manifest_of(place, files, table))
     with cluster(tmp_path) as there:
-        found = json.loads(finished(resolving(store, *there.options, "--machine", "M1", "--json")))
+        found = json.loads(
+            finished(resolving(store, *there.options, "--machine", "M1", "--json"))
+        )
         assert [each["outcome"] for each in found] == ["solved anew"]
         with resolving(store, *there.options, "--json") as running:
             assert listening(running.pid) == set()
             found += json.loads(finished(running))
-    assert sorted(each["outcome"] for each in found) == ["solved anew"] * 3 + ["the same bytes"] * (
-        SURVEYS - 3
-    )
+    assert sorted(each["outcome"] for each in found) == ["solved anew"] * 3 + [
+        "the same bytes"
+    ] * (SURVEYS - 3)
     assert len({each["survey"] for each in found}) == SURVEYS, (
         "what was done already is not done again"
     )
@@ -143,12 +148,19 @@ def test_a_scheduler_needs_every_certificate(store, tmp_path, missing):
     given = certificates(tmp_path)
     at = given.index(missing)
     told = stepdiag(
-        "resolve", store.root, "--scheduler", "tls://127.0.0.1:9", *given[:at], *given[at + 2 :]
+        "resolve",
+        store.root,
+        "--scheduler",
+        "tls://127.0.0.1:9",
+        *given[:at],
+        *given[at + 2 :],
     )
     assert (told.code, told.refusal.startswith(missing)) == (2, True)
 
 
-def test_a_scheduler_whose_certificate_another_ca_signed_gets_no_task(store, tmp_path, monkeypatch):
+def test_a_scheduler_whose_certificate_another_ca_signed_gets_no_task(
+    store, tmp_path, monkeypatch
+):
     monkeypatch.setattr("stepdiag.fleet.resolve.PATIENCE_S", 3)
     (tmp_path / "stranger").mkdir()
     with cluster(tmp_path / "stranger", workers=0) as there:

@@ -58,7 +58,10 @@ def attempts_of(folder, *, mark, stands_still_s, right_at, rules=""):
         "no:cacheprovider",
         "--junit-xml=record.xml",
     ]
-    environment = {**os.environ, "PYTHONPATH": str(Path(sys.modules["testkit"].__path__[0]).parent)}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(Path(sys.modules["testkit"].__path__[0]).parent),
+    }
     done = subprocess.run(
         command, check=False, cwd=folder, capture_output=True, env=environment, timeout=120
     )
@@ -85,7 +88,9 @@ def test_one_that_fails_every_time_has_failed(tmp_path):
 
 def test_one_that_fails_where_everything_went_on_has_failed(tmp_path):
     rules = "steady.SPARE_S = 60.0"  # a busy computer may stand still at this moment
-    assert attempts_of(tmp_path, mark="patient", stands_still_s=0.5, right_at=2, rules=rules) == (
+    assert attempts_of(
+        tmp_path, mark="patient", stands_still_s=0.5, right_at=2, rules=rules
+    ) == (
         1,
         1,
         0,
@@ -94,9 +99,9 @@ def test_one_that_fails_where_everything_went_on_has_failed(tmp_path):
 
 def test_a_machine_that_does_not_wait_can_spare_less(tmp_path):
     rules = "steady.SPARE_S = 60.0"
-    assert attempts_of(tmp_path, mark="impatient", stands_still_s=0.1, right_at=2, rules=rules)[
-        :2
-    ] == (2, 0)
+    assert attempts_of(
+        tmp_path, mark="impatient", stands_still_s=0.1, right_at=2, rules=rules
+    )[:2] == (2, 0)
 
 
 @contextmanager

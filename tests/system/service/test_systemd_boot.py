@@ -13,7 +13,14 @@ import pytest
 from stepdiag.daemon.installation import drop_ins
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.virtual.base.reserved import reserved_port
-from testkit.running.boot import as_root, booted, debian_root, install_units, install_wheel, write
+from testkit.running.boot import (
+    as_root,
+    booted,
+    debian_root,
+    install_units,
+    install_wheel,
+    write,
+)
 from testkit.running.hall import hall
 
 pytestmark = pytest.mark.system
@@ -35,7 +42,9 @@ shorter."""
 def stops(system):
     """Return (setup, stop) of every stop captured so far."""
     return [
-        (said["setup"], said["stop"]) for said in system.journal(UNIT) if said["event"] == "stop"
+        (said["setup"], said["stop"])
+        for said in system.journal(UNIT)
+        if said["event"] == "stop"
     ]
 
 
@@ -53,7 +62,8 @@ def active_again(system, before):
     return system.until(
         UNIT,
         lambda unit: (
-            unit["ActiveState"] == "active" and unit["MainPID"] not in ("0", before["MainPID"])
+            unit["ActiveState"] == "active"
+            and unit["MainPID"] not in ("0", before["MainPID"])
         ),
     )
 
@@ -114,14 +124,23 @@ def test_a_survey_goes_on_after_a_kill_a_hang_and_a_stop(tmp_path):
             place.setups = place.setups[1:]
             place.start_setups()
             # the stops about the kill wait for a person's word: nothing is exported by itself
-            system.until(UNIT, lambda unit: "for a person to accept" in unit.get("StatusText", ""))
+            system.until(
+                UNIT, lambda unit: "for a person to accept" in unit.get("StatusText", "")
+            )
             # which stops is said once the readings are written
             system.until(
-                UNIT, lambda _: any(said["event"] == "survey-open" for said in system.journal(UNIT))
+                UNIT,
+                lambda _: any(
+                    said["event"] == "survey-open" for said in system.journal(UNIT)
+                ),
             )
-            assert not [said for said in system.journal(UNIT) if said["event"] == "survey-complete"]
+            assert not [
+                said for said in system.journal(UNIT) if said["event"] == "survey-complete"
+            ]
             for doubted in [
-                said["doubted"] for said in system.journal(UNIT) if said["event"] == "survey-open"
+                said["doubted"]
+                for said in system.journal(UNIT)
+                if said["event"] == "survey-open"
             ][-1]:
                 accept = (
                     "/opt/stepdiag/bin/stepdiag",
@@ -134,7 +153,9 @@ def test_a_survey_goes_on_after_a_kill_a_hang_and_a_stop(tmp_path):
                 system.run(*accept)
             system.until(
                 UNIT,
-                lambda _: any(said["event"] == "survey-complete" for said in system.journal(UNIT)),
+                lambda _: any(
+                    said["event"] == "survey-complete" for said in system.journal(UNIT)
+                ),
             )
             assert [
                 said["exit_code"]
@@ -188,7 +209,9 @@ def test_page_has_an_account_of_its_own_and_reaches_nothing(tmp_path):
             "/opt/stepdiag/bin/python /opt/stepdiag/attack.py unit 99 %d "
             f"{place.ready['plc_port']} {RECORDED}/0001 /etc/shadow"
         )
-        as_root("systemctl", "--quiet", f"--root={root}", "enable", "stepdiag-page@hall.socket")
+        as_root(
+            "systemctl", "--quiet", f"--root={root}", "enable", "stepdiag-page@hall.socket"
+        )
         with booted(root, "stepdiag-page-test", line) as system:
             recorder = system.until(UNIT, lambda unit: unit["ActiveState"] == "active")
             place.start_setups(stop_after=1)
@@ -202,7 +225,11 @@ def test_page_has_an_account_of_its_own_and_reaches_nothing(tmp_path):
             for unit, text in ((PAGE, attack), (PUBLISHER, attack + served)):
                 folder = f"/run/systemd/system/{unit}.d"
                 system.run(
-                    "sh", "-c", 'mkdir -p "$0" && printf %s "$1" > "$0/attack.conf"', folder, text
+                    "sh",
+                    "-c",
+                    'mkdir -p "$0" && printf %s "$1" > "$0/attack.conf"',
+                    folder,
+                    text,
                 )
             system.run("systemctl", "daemon-reload")
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=60) as answer:
@@ -216,7 +243,9 @@ def test_page_has_an_account_of_its_own_and_reaches_nothing(tmp_path):
             (found,) = [said for said in system.journal(PAGE) if "succeeded" in said]
             assert found["tried"] >= 50
             assert set(found["succeeded"]) <= HARMLESS
-            confined = [said for said in system.journal(UNIT) if said["event"] == "page-confined"]
+            confined = [
+                said for said in system.journal(UNIT) if said["event"] == "page-confined"
+            ]
             # systemd-nspawn refuses Landlock's calls to what it boots, up to version 254: what is
             # open then is named
             assert [
@@ -229,7 +258,9 @@ def test_page_has_an_account_of_its_own_and_reaches_nothing(tmp_path):
             )
             system.run("python3", "-c", stranger)
             assert [
-                said["account"] for said in system.journal(UNIT) if said["event"] == "page-stranger"
+                said["account"]
+                for said in system.journal(UNIT)
+                if said["event"] == "page-stranger"
             ] == [0]
             count = wait_for_stop(system, 0)
             place.start_setups()
@@ -246,7 +277,9 @@ def test_page_has_an_account_of_its_own_and_reaches_nothing(tmp_path):
             assert set(found["succeeded"]) <= OF_A_PUBLISHER
             system.until(
                 UNIT,
-                lambda _: any(said["event"] == "survey-complete" for said in system.journal(UNIT)),
+                lambda _: any(
+                    said["event"] == "survey-complete" for said in system.journal(UNIT)
+                ),
             )
             assert len(stops(system)) == 4 * 7
 

@@ -50,7 +50,9 @@ def analyze(*arguments):
 
 @pytest.mark.parametrize("unit", EXPOSURE, ids=lambda unit: unit.name)
 def test_the_exposure_of_each_unit(unit):
-    code, said, _ = analyze("security", "--offline=true", f"--threshold={EXPOSURE[unit]}", unit)
+    code, said, _ = analyze(
+        "security", "--offline=true", f"--threshold={EXPOSURE[unit]}", unit
+    )
     assert code == 0, said.splitlines()[-1]
 
 
@@ -60,7 +62,8 @@ def test_so_it_is_with_a_plc_and_a_page_on_the_network(tmp_path, host, unit):
     """With what `service install` opens: an address, or private networks for a name. Lines that
     come later count like a drop-in."""
     survey = parse_survey(
-        SURVEY.replace("192.168.5.2", host) + '[page]\nhost = "0.0.0.0"\ntoken_file = "token"\n',
+        SURVEY.replace("192.168.5.2", host)
+        + '[page]\nhost = "0.0.0.0"\ntoken_file = "token"\n',
         "mill.toml",
     )
     opened = {
@@ -76,7 +79,9 @@ def test_so_it_is_with_a_plc_and_a_page_on_the_network(tmp_path, host, unit):
     assert code == 0, said.splitlines()[-1]
     assert "ListenStream=0.0.0.0:8420" in opened["stepdiag-page@mill.socket.d"]
     assert "ListenStream" not in lines
-    assert "LoadCredential" not in opened["stepdiag@mill.service.d"], "the recorder has no secret"
+    assert "LoadCredential" not in opened["stepdiag@mill.service.d"], (
+        "the recorder has no secret"
+    )
 
 
 @pytest.mark.parametrize(
@@ -103,7 +108,9 @@ def test_systemd_finds_nothing_wrong(tmp_path):
             unit.read_text().replace("/opt/stepdiag/", f"{sys.prefix}/")
         )
     socket = tmp_path / "stepdiag-page@.socket"
-    socket.write_text(socket.read_text().replace("Backlog", "ListenStream=127.0.0.1:8420\nBacklog"))
+    socket.write_text(
+        socket.read_text().replace("Backlog", "ListenStream=127.0.0.1:8420\nBacklog")
+    )
     assert analyze("verify", *tmp_path.iterdir()) == (0, "", "")
 
 

@@ -39,7 +39,12 @@ def install_in_a_home(folder):
         "-rf",
         *(
             root / each
-            for each in ("root/tools", "root/share", "etc/stepdiag", "var/lib/private/stepdiag")
+            for each in (
+                "root/tools",
+                "root/share",
+                "etc/stepdiag",
+                "var/lib/private/stepdiag",
+            )
         ),
     )
     as_root(
@@ -78,7 +83,12 @@ def install_in_a_home(folder):
 def test_a_python_in_a_home_runs_and_nothing_else_of_it_is_seen(tmp_path):
     root = install_in_a_home(tmp_path)
     with booted(root, "stepdiag-home") as system:
-        install = (f"{PROGRAM}/bin/stepdiag", "service", "install", "/etc/stepdiag/alone.toml")
+        install = (
+            f"{PROGRAM}/bin/stepdiag",
+            "service",
+            "install",
+            "/etc/stepdiag/alone.toml",
+        )
 
         system.run("chmod", "o-rx", PYTHON)
         refused = system.run("sh", "-c", f"{' '.join(install)} 2>&1; echo exit code $?")
@@ -106,5 +116,8 @@ def test_a_python_in_a_home_runs_and_nothing_else_of_it_is_seen(tmp_path):
     as_root(
         "rm",
         "-rf",
-        *(root / each for each in ("root/tools", "root/share", f"etc/systemd/system/{UNIT}.d")),
+        *(
+            root / each
+            for each in ("root/tools", "root/share", f"etc/systemd/system/{UNIT}.d")
+        ),
     )

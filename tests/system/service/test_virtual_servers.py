@@ -92,7 +92,9 @@ def standing_at(client, count):
 
 
 def positions(registers):
-    return [value * 1e-4 for value in struct.unpack(">3i", struct.pack(">6H", *registers[4:10]))]
+    return [
+        value * 1e-4 for value in struct.unpack(">3i", struct.pack(">6H", *registers[4:10]))
+    ]
 
 
 @pytest.mark.parametrize("transport", ["tcp", "rtu"])
@@ -353,7 +355,10 @@ def frames_of(port, count=20):
 
     until(enough)
     start = received.index(b"\xf4\xd0i")
-    return [struct.unpack_from("<9i", received, start + 46 * number + 8) for number in range(count)]
+    return [
+        struct.unpack_from("<9i", received, start + 46 * number + 8)
+        for number in range(count)
+    ]
 
 
 def test_the_head_sees_its_run_and_is_dark_before(bench_of, master_of):

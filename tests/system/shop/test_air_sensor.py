@@ -46,7 +46,11 @@ pressure_unit = "kPa"
 pattern = '(?P<air_temperature_c>[^;]+);(?P<air_pressure_hpa>[^;]+);(?P<relative_humidity_percent>[^;]+);(?P<material_temperature_c>.+)'
 """  # noqa: E501
 SENSORS = {"ptu300": ("serial", PTU300), "logger": ("tcp", LOGGER)}
-EXPECTED = {"air_temperature_c": 24.0, "air_pressure_hpa": 962.0, "relative_humidity_percent": 61.0}
+EXPECTED = {
+    "air_temperature_c": 24.0,
+    "air_pressure_hpa": 962.0,
+    "relative_humidity_percent": 61.0,
+}
 
 
 @contextmanager
@@ -67,7 +71,9 @@ def sensed(folder, name, **options):
 def stops_of(place):
     """Return the stops in use of a survey, from its logs."""
     return [
-        stop for each in replay(logs_in(place.round)).book.passes for stop in each.chosen().values()
+        stop
+        for each in replay(logs_in(place.round)).book.passes
+        for stop in each.chosen().values()
     ]
 
 

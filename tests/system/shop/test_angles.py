@@ -15,7 +15,17 @@ from testkit.running.survey_runs import drive_one_and_kill
 
 pytestmark = pytest.mark.system
 
-SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z", "fourdof-x", "fourdof-y")
+SETUPS = (
+    "ppp",
+    "npp",
+    "pnp",
+    "ppn",
+    "linear-x",
+    "linear-y",
+    "linear-z",
+    "fourdof-x",
+    "fourdof-y",
+)
 BENCH = '[machine]\nangle_urad = 20.0\n[head]\nformat = "{}"\n'
 SURVEY = """
 [head]
@@ -59,6 +69,8 @@ def test_angles_are_recorded_through_a_killed_daemon_identified_and_replayed_to_
             value = np.array(result["errors"][each]["value"])
             expected = np.array(truth.errors[each])
             assert value - value[0] == pytest.approx(expected - expected[0], abs=1.0), each
-        code, out, refusal = stepdiag("replay", place.round, "--out", tmp_path / "again", "--json")
+        code, out, refusal = stepdiag(
+            "replay", place.round, "--out", tmp_path / "again", "--json"
+        )
         assert code == 0, refusal
         assert json.loads(out)["different"] == []

@@ -46,7 +46,8 @@ LASER = '{base}[environment]\nsource = "fixed"\n[laser]\nport = "{port}"\n{secti
 NO_LASER = '{base}[laser]\nformat = "umd"\nport = "/dev/no-laser"\n'
 HEAD = NO_LASER + '[environment]\nsource = "fixed"\n[head]\nport = "{port}"\n{section}'
 AIR = (
-    NO_LASER + '[environment]\nsource = "sensor"\n[environment.sensor]\nport = "{port}"\n{section}'
+    NO_LASER
+    + '[environment]\nsource = "sensor"\n[environment.sensor]\nport = "{port}"\n{section}'
 )
 ANGLES = '[head.angles]\nx = ["+C", "+B"]\n'
 FRAMES = (
@@ -125,7 +126,8 @@ def rpc(**said):
     """Return what answers every request of JSON-RPC with this."""
     return answers(
         lambda heard: (
-            json.dumps({"jsonrpc": "2.0", "id": json.loads(heard)["id"], **said}).encode() + b"\r\n"
+            json.dumps({"jsonrpc": "2.0", "id": json.loads(heard)["id"], **said}).encode()
+            + b"\r\n"
         )
     )
 
@@ -202,7 +204,13 @@ class Row:
 ROWS = [
     *(Row(name, wrong, *row) for name in INSTRUMENTS for wrong, row in NETWORK.items()),
     *(
-        Row(name, "half a reading for ever", says(half), "cannot be decoded", half[:4].hex(" "))
+        Row(
+            name,
+            "half a reading for ever",
+            says(half),
+            "cannot be decoded",
+            half[:4].hex(" "),
+        )
         for name, half in HALVES.items()
     ),
     *(
@@ -311,7 +319,11 @@ ROWS = [
         "not in pairs",
     ),
     Row(
-        "nd", "a display that refuses", answers(lambda _: b"\x15"), "no reading can be used", "NAK"
+        "nd",
+        "a display that refuses",
+        answers(lambda _: b"\x15"),
+        "no reading can be used",
+        "NAK",
     ),
     Row(
         "nd",
@@ -320,7 +332,9 @@ ROWS = [
         "no reading can be used",
         "ERROR 3",
     ),
-    Row("elcomat", "relative readings", says(b"1 003 1.0 2.0\r"), "cannot be decoded", "1 003"),
+    Row(
+        "elcomat", "relative readings", says(b"1 003 1.0 2.0\r"), "cannot be decoded", "1 003"
+    ),
     Row(
         "ptu300",
         "probes that fail",
@@ -405,13 +419,17 @@ async def checked(row, port):
 
     def until_it_is_said():
         told[:] = [
-            each.text for each in diagnose(seen) if _of(each, name) and each.severity == "error"
+            each.text
+            for each in diagnose(seen)
+            if _of(each, name) and each.severity == "error"
         ]
         if any(row.words in text and row.seen in text for text in told):
             seen.seconds = math.inf
 
     await watch(seen, PATIENCE_S, until_it_is_said)
-    return "; ".join(told), next(stream for stream in seen.streams if stream.link.name == name)
+    return "; ".join(told), next(
+        stream for stream in seen.streams if stream.link.name == name
+    )
 
 
 def _of(found, name):
@@ -454,7 +472,9 @@ async def journal(row, port, folder, said):
         await asyncio.wait({running}, timeout=0.1)
         assert not running.done()
     idle = daemon._working.session._idle.get(name)
-    readings = 0 if idle is None else len(idle.span(0, math.inf).position_mm) + len(idle.conditions)
+    readings = (
+        0 if idle is None else len(idle.span(0, math.inf).position_mm) + len(idle.conditions)
+    )
     daemon.stop()
     await running
     return heard(), readings

@@ -132,7 +132,10 @@ def test_a_silent_laser_and_a_silent_plc(bench_of, check):
     )
     code, findings, _ = check(addresses)
     assert code == 4
-    assert "check that the instrument is on and its baud rate" in findings["laser-silent"]["text"]
+    assert (
+        "check that the instrument is on and its baud rate"
+        in findings["laser-silent"]["text"]
+    )
     assert "silence" in findings["machine-silent"]["text"]
 
 
@@ -160,7 +163,10 @@ def test_a_register_map_that_does_not_fit(bench_of, check):
     more = "\n".join(f"[plc.signals.{name}]\n{place}" for name, place in MAP.items())
     code, findings, _ = check(bench_of(), more=more)
     assert code == 0, "stopped is served: a survey could be recorded"
-    assert "alarm at holding 4000 bit 0 is not served" in findings["signals-absent.refused"]["text"]
+    assert (
+        "alarm at holding 4000 bit 0 is not served"
+        in findings["signals-absent.refused"]["text"]
+    )
     assert "air_pressure_hpa reads" in findings["signals-absent.implausible"]["text"]
 
 
@@ -226,6 +232,7 @@ def test_a_survey_file_that_is_wrong_is_refused_before_any_port_is_opened(tmp_pa
         check=False,
     )
     assert done.returncode == 2
-    assert "survey.toml: plc.port: expected a whole number from 1 to 65535, found 70000" in joined(
-        done.stderr
+    assert (
+        "survey.toml: plc.port: expected a whole number from 1 to 65535, found 70000"
+        in joined(done.stderr)
     )

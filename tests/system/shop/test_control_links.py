@@ -287,7 +287,11 @@ def nowhere():
 SAID = {
     "another product": (lambda: listener(web_server), "127.0.0.1", "bytes of something else"),
     "wrong name": (nowhere, "no-such-control.invalid", "no such name"),
-    "wrong slot": (lambda: listener(refuses_the_slot), "127.0.0.1", "check plc.rack and plc.slot"),
+    "wrong slot": (
+        lambda: listener(refuses_the_slot),
+        "127.0.0.1",
+        "check plc.rack and plc.slot",
+    ),
 }
 
 
@@ -312,10 +316,13 @@ def test_a_password_is_named_in_the_journal(tmp_path):
         hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place,
         tnc_control(password="secret") as control,
     ):
-        place.survey.write_text(with_control(place.survey.read_text(), "heidenhain", control.port))
+        place.survey.write_text(
+            with_control(place.survey.read_text(), "heidenhain", control.port)
+        )
         with daemon(place.survey, wait_for=("laser",)) as process:
             assert (
-                "requires a password" in until(process, "link-lost", link="machine")[-1]["detail"]
+                "requires a password"
+                in until(process, "link-lost", link="machine")[-1]["detail"]
             )
 
 

@@ -91,7 +91,9 @@ def fourdof(*arguments, typed=""):
 
 @pytest.mark.impatient
 @pytest.mark.parametrize("encoding", ["binary", "ascii"])
-def test_stability_of_a_live_head_is_recorded_and_the_recording_says_the_same(tmp_path, encoding):
+def test_stability_of_a_live_head_is_recorded_and_the_recording_says_the_same(
+    tmp_path, encoding
+):
     with talking_head(tmp_path, encoding=encoding) as survey:
         rest = (
             "--calibration",
@@ -103,7 +105,9 @@ def test_stability_of_a_live_head_is_recorded_and_the_recording_says_the_same(tm
             "--json",
         )
         live = json.loads(
-            fourdof("stability", survey, "--seconds", 3, "--record", tmp_path / "kept.csv", *rest)
+            fourdof(
+                "stability", survey, "--seconds", 3, "--record", tmp_path / "kept.csv", *rest
+            )
         )
     kept = json.loads(fourdof("stability", tmp_path / "kept.csv", *rest))
     assert live["straightness x"]["removed_percent"] > 80.0
@@ -141,9 +145,9 @@ def test_a_live_calibration_asks_for_the_stage(tmp_path, monkeypatch):
             "--json",
         )
     assert max(map(abs, json.loads(said)["qd.x"]["residual"])) < 1.5
-    assert parse_head_file((tmp_path / "new.toml").read_bytes(), "new.toml").qd.x.coefficients_um[
-        1
-    ] == pytest.approx(1414.2, rel=0.01)
+    assert parse_head_file(
+        (tmp_path / "new.toml").read_bytes(), "new.toml"
+    ).qd.x.coefficients_um[1] == pytest.approx(1414.2, rel=0.01)
 
 
 @pytest.mark.impatient
@@ -156,7 +160,9 @@ def test_align_shows_the_live_head(tmp_path, tqd):
 
 
 def test_a_head_that_is_not_there_is_a_device_error(tmp_path):
-    (tmp_path / "survey.toml").write_text(survey_text(signals=survey_section(tmp_path / "nowhere")))
+    (tmp_path / "survey.toml").write_text(
+        survey_text(signals=survey_section(tmp_path / "nowhere"))
+    )
     write_head_file(tmp_path / "head.toml")
     done = CliRunner().invoke(
         app, ["fourdof", "align", str(tmp_path / "survey.toml"), "--seconds", "1"]

@@ -89,7 +89,9 @@ def test_a_board_behind_a_terminal_server_is_read_as_if_it_were_plugged_in(tmp_p
         )
         code, out, said = stepdiag("check", place.survey, "--seconds", "2", "--json")
         assert code == 0, said
-        assert "115200 baud 8N1 set at the terminal server" in json.loads(out)["laser"]["detail"]
+        assert (
+            "115200 baud 8N1 set at the terminal server" in json.loads(out)["laser"]["detail"]
+        )
         drive_and_replay(place)
 
 
@@ -97,13 +99,17 @@ def test_a_board_behind_a_terminal_server_is_read_as_if_it_were_plugged_in(tmp_p
 def test_modbus_rtu_behind_a_terminal_server_records_a_whole_survey(tmp_path):
     """The control's serial line comes over the network as plain bytes; every pass is whole, the
     replay the same."""
-    with hall(tmp_path, transport="rtu", poll_hz=40.0, handshake=True, dwell=0.5, n=1) as place:
+    with hall(
+        tmp_path, transport="rtu", poll_hz=40.0, handshake=True, dwell=0.5, n=1
+    ) as place:
         line = str(tmp_path / "devices" / "plc")
         with terminal_server(line, "socket") as name:
             text = place.survey.read_text()
             assert f'serial_port = "{line}"' in text
             place.survey.write_text(
-                text.replace(f'serial_port = "{line}"', f'serial_port = "{name}"\ntimeout_s = 5.0')
+                text.replace(
+                    f'serial_port = "{line}"', f'serial_port = "{name}"\ntimeout_s = 5.0'
+                )
             )
             drive_and_replay(place)
         nothing_silently_wrong(place)
@@ -112,7 +118,9 @@ def test_modbus_rtu_behind_a_terminal_server_records_a_whole_survey(tmp_path):
 def test_check_quotes_frames_that_never_match(tmp_path):
     """Another instrument on the port: no reading, and the bytes are shown."""
     with hall(tmp_path, **frames("little")) as place:
-        place.survey.write_text(place.survey.read_text().replace('sync = "AA55"', 'sync = "AA56"'))
+        place.survey.write_text(
+            place.survey.read_text().replace('sync = "AA55"', 'sync = "AA56"')
+        )
         code, out, _ = stepdiag("check", place.survey, "--seconds", "2", "--json")
     found = {each["code"]: each["text"] for each in json.loads(out)["findings"]}
     assert code == 4

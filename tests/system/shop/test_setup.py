@@ -172,7 +172,10 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
             (300.0, 200.0, 100.0),
             "mill",
         )
-        assert (survey.uncertainty.machine_class, survey.uncertainty.pitch_mm) == ("good", 20.0)
+        assert (survey.uncertainty.machine_class, survey.uncertainty.pitch_mm) == (
+            "good",
+            20.0,
+        )
         assert "ordinary  a machining centre in a shop" in person.seen
         code, out, said = stepdiag("check", file, "--seconds", "2")
         assert code == 0, out + said
@@ -181,7 +184,9 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
 @pytest.mark.parametrize(
     "named", [(), ("--control", "modbus")], ids=["unknown control", "named control"]
 )
-def test_a_control_that_does_not_answer_at_its_usual_port_is_asked_for_its_port(tmp_path, named):
+def test_a_control_that_does_not_answer_at_its_usual_port_is_asked_for_its_port(
+    tmp_path, named
+):
     """On a port of the builder's choice: nothing answers at 502, and the file would name a control
     that is not there. A wrong address is put right at the same question."""
     file, closed = tmp_path / "mill.toml", reserved_port()
@@ -214,7 +219,9 @@ def test_a_control_that_does_not_answer_at_its_usual_port_is_asked_for_its_port(
     assert (plc.transport, plc.host, plc.tcp_port) == ("tcp", "127.0.0.1", modbus_port(place))
 
 
-def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_path, monkeypatch):
+def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(
+    tmp_path, monkeypatch
+):
     """Somebody who does not know what his control speaks: the first says why it is not the one.
     Nothing is overwritten."""
     gives_up_soon_on(monkeypatch, "modbus")
@@ -252,7 +259,13 @@ def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
     file = tmp_path / "mill.toml"
     closed = reserved_port()
     code, _, said = stepdiag(
-        "setup", file, "--laser-port", f"socket://127.0.0.1:{closed}", "--host", "none", *VOLUME
+        "setup",
+        file,
+        "--laser-port",
+        f"socket://127.0.0.1:{closed}",
+        "--host",
+        "none",
+        *VOLUME,
     )
     assert (code, file.exists()) == (4, False)
     assert "nothing listens on this port" in said

@@ -104,7 +104,9 @@ class Board:
         self._homodyne = axes > 0
         self._counts_per_cycle = max(counts, 1) if self._homodyne else 1
         return Remark(
-            "device", message("homodyne", axes=axes, counts=self._counts_per_cycle), float(axes)
+            "device",
+            message("homodyne", axes=axes, counts=self._counts_per_cycle),
+            float(axes),
         )
 
     def _hear_firmware(self, data: int) -> Remark:

@@ -132,7 +132,9 @@ class UmdDecoder:
             return None
         self._lines.feed(data)
         batch = Batch()
-        batch.add(self._track.follow(rows[:, _SEQUENCE]).counter, cycles * self._cycle_mm, flags)
+        batch.add(
+            self._track.follow(rows[:, _SEQUENCE]).counter, cycles * self._cycle_mm, flags
+        )
         return batch.samples(arrivals_of_lines(chunks))
 
     def _goes_on(self, rows: Rows) -> bool:
@@ -150,8 +152,14 @@ class UmdDecoder:
         few codes all the time.
         """
         coded = np.flatnonzero(rows[:, _CODE])
-        codes = set(zip(rows[coded, _CODE].tolist(), rows[coded, _DATA].tolist(), strict=True))
-        return [] if all(self._board.knows(code, data) for code, data in codes) else coded.tolist()
+        codes = set(
+            zip(rows[coded, _CODE].tolist(), rows[coded, _DATA].tolist(), strict=True)
+        )
+        return (
+            []
+            if all(self._board.knows(code, data) for code, data in codes)
+            else coded.tolist()
+        )
 
     def _take_first_line(self, block: bytes, batch: Batch) -> bytes:
         """Process the line whose beginning is missing; return the rest of the block."""
@@ -174,7 +182,9 @@ class UmdDecoder:
         self._take_rows(
             part if followed.keep.all() else part[followed.keep], followed.counter, batch
         )
-        batch.notices[earlier:] = sorted(batch.notices[earlier:], key=lambda notice: notice.index)
+        batch.notices[earlier:] = sorted(
+            batch.notices[earlier:], key=lambda notice: notice.index
+        )
 
     def _take_rows(self, rows: Rows, counter: NDArray[np.int64], batch: Batch) -> None:
         """Add ``rows`` to the batch, cut where a code changes how lines are read."""
@@ -184,7 +194,11 @@ class UmdDecoder:
             remark = self._board.hear(int(rows[row, _CODE]), int(rows[row, _DATA]))
             if remark is not None:
                 batch.note(
-                    remark.code, remark.why, value=remark.value, name=remark.name, index=base + row
+                    remark.code,
+                    remark.why,
+                    value=remark.value,
+                    name=remark.name,
+                    index=base + row,
                 )
             if self._board.reading is not reading:
                 self._read(rows[first:row], counter[first:row], reading, batch)
@@ -195,7 +209,9 @@ class UmdDecoder:
                 )
         self._read(rows[first:], counter[first:], reading, batch)
 
-    def _read(self, rows: Rows, counter: NDArray[np.int64], reading: Reading, batch: Batch) -> None:
+    def _read(
+        self, rows: Rows, counter: NDArray[np.int64], reading: Reading, batch: Batch
+    ) -> None:
         """Add rows with a common way of reading."""
         meas, displacement, phase = self._columns
         if not len(rows):

@@ -79,7 +79,9 @@ def parse_line(line: bytes) -> Rows | OddLine | None:
         if not text:
             return None
         if text.startswith(b"!"):
-            return OddLine("debug", text[1:].decode("ascii", errors="backslashreplace").strip())
+            return OddLine(
+                "debug", text[1:].decode("ascii", errors="backslashreplace").strip()
+            )
         if _BANNER.fullmatch(text):
             return OddLine("banner", text.decode("ascii"))
     return OddLine("garbage", message("line-no-sample", quoted=quote(line)))

@@ -20,7 +20,10 @@ def drawn(rng):
     1e-3 of the way."""
     size, n = np.round(rng.uniform((200, 150, 80), (600, 400, 300))), int(rng.integers(2, 6))
     route = make_route(
-        parse_survey(survey_text(size=tuple(size), n=n), "s").volume, "ppp", "xyz", outward=True
+        parse_survey(survey_text(size=tuple(size), n=n), "s").volume,
+        "ppp",
+        "xyz",
+        outward=True,
     )
     steps = (
         np.diff(route.nominal_mm)
@@ -47,7 +50,10 @@ def with_fault(kind, route, read, rng):
         back = int(rng.integers(0, at))
         return [*stands[: at + 1], *stands[back:]]
     if kind == "slip":
-        return [*stands[:at], *((stop, reading + 0.4, False) for stop, reading, _ in stands[at:])]
+        return [
+            *stands[:at],
+            *((stop, reading + 0.4, False) for stop, reading, _ in stands[at:]),
+        ]
     if kind in ("lost", "lost and anew"):
         begun, moved = (at, 0)[kind != "lost"], rng.uniform(-50, 50)
         return [
@@ -97,7 +103,10 @@ def test_a_program_in_another_order_or_from_the_other_end_keeps_its_numbers(orde
     rng = np.random.default_rng(41)
     right = 0
     for _ in range(DRAWS):
-        size, n = np.round(rng.uniform((400, 200, 80), (600, 300, 150))), int(rng.integers(2, 6))
+        size, n = (
+            np.round(rng.uniform((400, 200, 80), (600, 300, 150))),
+            int(rng.integers(2, 6)),
+        )
         volume = parse_survey(survey_text(size=tuple(size), n=n), "s").volume
         driven = make_route(volume, "ppp", order, outward=outward)
         chain = Chain((make_route(volume, "ppp", "xyz", outward=True),), Path())

@@ -16,7 +16,9 @@ from testkit.examples import spread
 from testkit.routes import make_route
 from testkit.timeline import STOPPED_ONLY, Timeline, diagonal, survey_text
 
-COUNTED = STOPPED_ONLY + "[plc.signals.stop_count]\naddress = 1\n[plc.signals.setup]\naddress = 3\n"
+COUNTED = (
+    STOPPED_ONLY + "[plc.signals.stop_count]\naddress = 1\n[plc.signals.setup]\naddress = 3\n"
+)
 SETUP_TOLD = STOPPED_ONLY + "[plc.signals.setup]\naddress = 3\n"
 SIGNALS = pytest.mark.parametrize(
     "signals", [STOPPED_ONLY, COUNTED], ids=["stopped", "stopped, setup, stop_count"]
@@ -28,13 +30,17 @@ SIZES = pytest.mark.parametrize("size", [BOX, CUBE], ids=["box", "cube"])
 def drive(stops, *, signals, size=(300.0, 200.0, 100.0), back=False, n=3, **more):
     """Return the book and the codes of one log, or of several: each pass that ends begins the next
     log."""
-    survey = parse_survey(survey_text(signals=signals, size=size, back=back, n=n), "survey.toml")
+    survey = parse_survey(
+        survey_text(signals=signals, size=size, back=back, n=n), "survey.toml"
+    )
     book, codes = PassBook(survey), []
     capture = Capture(survey, book.start(skip_open_dwell=False))
     for event in Timeline(stops, **more).events():
         outcomes = capture.feed(event)
         book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
-        codes += [each.code for each in (*outcomes, *book.news()) if isinstance(each, Finding)]
+        codes += [
+            each.code for each in (*outcomes, *book.news()) if isinstance(each, Finding)
+        ]
         if any(isinstance(each, Ended) for each in outcomes):
             seen = {"breaks": capture.left_over(), "beyond": capture.went_beyond()}
             capture = Capture(
@@ -49,7 +55,9 @@ def assert_as_driven(each, truth, within_um=0.6):
     assert sorted(chosen) == list(range(len(truth)))
     readings = [chosen[k].reading_mm for k in range(len(truth))]
     for k, true in enumerate(truth):
-        assert abs(readings[k] - readings[0] - true.reading + truth[0].reading) * 1e3 < within_um, k
+        assert (
+            abs(readings[k] - readings[0] - true.reading + truth[0].reading) * 1e3 < within_um
+        ), k
 
 
 @pytest.mark.parametrize(
@@ -70,9 +78,13 @@ def assert_as_driven(each, truth, within_um=0.6):
         (COUNTED, BOX, 6, 4),
     ],
 )
-def test_an_aborted_pass_is_driven_again_whole_or_from_a_stop(signals, size, left_at, again_at):
+def test_an_aborted_pass_is_driven_again_whole_or_from_a_stop(
+    signals, size, left_at, again_at
+):
     truth = diagonal("ppp", size)
-    book, codes = drive([*truth[: left_at + 1], *truth[again_at:]], signals=signals, size=size)
+    book, codes = drive(
+        [*truth[: left_at + 1], *truth[again_at:]], signals=signals, size=size
+    )
     (only,) = book.passes
     assert_as_driven(only, truth)
     assert "stop-again" in codes
@@ -86,7 +98,9 @@ def test_an_aborted_pass_is_driven_again_whole_or_from_a_stop(signals, size, lef
 @SIZES
 def test_a_feed_hold_between_two_stops_is_no_stop(signals, size):
     truth = diagonal("ppp", size)
-    between = replace(truth[5], reading=0.5 * (truth[4].reading + truth[5].reading) + 3.0, counts=0)
+    between = replace(
+        truth[5], reading=0.5 * (truth[4].reading + truth[5].reading) + 3.0, counts=0
+    )
     book, codes = drive([*truth[:5], between, *truth[5:]], signals=signals, size=size)
     (only,) = book.passes
     assert_as_driven(only, truth)
@@ -119,7 +133,9 @@ def test_a_return_pass_left_in_the_middle_and_the_whole_program_again(signals):
             assert abs(stop.reading_mm - out[place].reading) < 0.01 + abs(offset)
 
 
-@pytest.mark.parametrize("signals", [STOPPED_ONLY, SETUP_TOLD], ids=["stopped", "stopped, setup"])
+@pytest.mark.parametrize(
+    "signals", [STOPPED_ONLY, SETUP_TOLD], ids=["stopped", "stopped, setup"]
+)
 def test_a_quick_turn_is_another_standstill(signals):
     """Over the end and back in a third of a second: the return pass begins with what it reads
     there, 4 µm of backlash away."""
@@ -127,7 +143,9 @@ def test_a_quick_turn_is_another_standstill(signals):
         diagonal("ppp"),
         [replace(stop, reading=stop.reading - 0.004) for stop in diagonal("ppp", back=True)],
     )
-    beyond = replace(out[-1], reading=out[-1].reading + 2.0, seconds=0.03, shown=False, counts=0)
+    beyond = replace(
+        out[-1], reading=out[-1].reading + 2.0, seconds=0.03, shown=False, counts=0
+    )
     book, codes = drive([*out, beyond, *back], signals=signals, back=True, move_s=0.1)
     first, second = book.passes
     assert_as_driven(first, out)
@@ -147,7 +165,10 @@ def test_a_pass_left_and_begun_anew_after_the_beam_was_cut_is_that_pass(signals,
     moved = [replace(stop, reading=stop.reading + 2.7) for stop in truth]
     cut = 1.0 + 1.3 * (left_at + 1) - 0.4
     book, codes = drive(
-        [*truth[: left_at + 1], *moved], signals=signals, beam_lost=[(cut, cut + 0.2)], lost_mm=0.0
+        [*truth[: left_at + 1], *moved],
+        signals=signals,
+        beam_lost=[(cut, cut + 0.2)],
+        lost_mm=0.0,
     )
     (only,) = book.passes
     assert_as_driven(only, truth)

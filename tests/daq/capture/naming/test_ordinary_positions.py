@@ -156,11 +156,16 @@ def test_encoders_that_scatter_from_poll_to_poll(seed, flicker_um, register_um):
     )
 
 
-@given(st.integers(1, 60), st.sampled_from([1, 2, 3]), st.tuples(*[st.floats(60.0, 4000.0)] * 3))
+@given(
+    st.integers(1, 60), st.sampled_from([1, 2, 3]), st.tuples(*[st.floats(60.0, 4000.0)] * 3)
+)
 def test_every_stop_of_a_rounded_program_is_found(n, decimals, size_mm):
     """With G91 and up to forty increments, too."""
     route = make_route(
-        Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=size_mm, increments=n), "npp", "xyz", outward=True
+        Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=size_mm, increments=n),
+        "npp",
+        "xyz",
+        outward=True,
     )
     for places in (
         absolute(route.stops_mm, decimals),
@@ -173,7 +178,10 @@ def test_every_stop_of_a_rounded_program_is_found(n, decimals, size_mm):
 
 def test_a_position_beside_every_stop_is_none():
     route = make_route(
-        Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=SIZE, increments=N), "ppp", "xyz", outward=True
+        Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=SIZE, increments=N),
+        "ppp",
+        "xyz",
+        outward=True,
     )
     assert route.find((0.3, 0.0, 0.0), 0) is None
     assert route.find((0.0, 0.0, 0.24), 0) == 0

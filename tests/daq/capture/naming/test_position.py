@@ -73,9 +73,9 @@ def test_what_a_register_rounds_is_no_difference():
 def test_a_real_number_resolves_its_last_bit():
     """float32 holds 24 bits: 2^-15 mm at 400 mm (IEEE 754, binary32)."""
     assert resolution(SignalSpec(address=4, type="float32"), 400.0) == pytest.approx(2.0**-15)
-    assert resolution(SignalSpec(address=4, type="int32", scale=-1e-4), 400.0) == pytest.approx(
-        1e-4
-    )
+    assert resolution(
+        SignalSpec(address=4, type="int32", scale=-1e-4), 400.0
+    ) == pytest.approx(1e-4)
 
 
 def test_what_cannot_be_checked_is_said():
@@ -98,11 +98,14 @@ def test_what_cannot_be_checked_is_said():
     (coded, _) = unchecked(
         parse_survey(
             survey_text(
-                signals=f"{STOPPED_ONLY}\n[plc.signals.setup]\naddress = 3\n", setups=("ppp", "npp")
+                signals=f"{STOPPED_ONLY}\n[plc.signals.setup]\naddress = 3\n",
+                setups=("ppp", "npp"),
             ),
             "s",
         )
     )
     assert named in coded.text
     assert named not in text["signals-absent"]
-    assert run(diagonal("ppp"), survey_text(signals=STOPPED_ONLY))[2][0].code == "signals-absent"
+    assert (
+        run(diagonal("ppp"), survey_text(signals=STOPPED_ONLY))[2][0].code == "signals-absent"
+    )

@@ -15,7 +15,9 @@ def laser(rate_hz, overrun_s):
     time_ns = np.arange(0.0, 1e9, 1e9 / rate_hz)
     away = np.abs(time_ns - 0.5e9) < 0.5e9 * overrun_s
     return SimpleNamespace(
-        span=lambda *_: SimpleNamespace(time_ns=time_ns, position_mm=np.where(away, 102.0, 100.0))
+        span=lambda *_: SimpleNamespace(
+            time_ns=time_ns, position_mm=np.where(away, 102.0, 100.0)
+        )
     )
 
 
@@ -23,7 +25,9 @@ def laser(rate_hz, overrun_s):
     ("rate_hz", "overrun_s", "seen"),
     [(1000.0, 0.1, True), (40.0, 0.1, True), (1000.0, 0.0, False), (8.0, 0.1, False)],
 )
-def test_an_overrun_is_seen_or_it_is_known_that_it_may_have_been_missed(rate_hz, overrun_s, seen):
+def test_an_overrun_is_seen_or_it_is_known_that_it_may_have_been_missed(
+    rate_hz, overrun_s, seen
+):
     stream = laser(rate_hz, overrun_s)
     assert (last_beyond_ns(stream, LAST, 1.0, 1e9) is not None) is seen
     assert watched_closely(stream, LAST, 1e9) is (rate_hz > 33.0)

@@ -52,7 +52,9 @@ def test_no_stop_is_taken_from_registers_that_stand_still():
     assert "stop 4 of 10" in findings[0].text
     assert stops[3].window_to_ns * 1e-9 < left
     for index, stop in stops.items():
-        error_um = (stop.reading_mm - stops[0].reading_mm - timeline.stops[index].reading) * 1e3
+        error_um = (
+            stop.reading_mm - stops[0].reading_mm - timeline.stops[index].reading
+        ) * 1e3
         assert abs(error_um) < 0.6 or stop.doubts, index
     assert set(range(10)) - stops.keys() <= {4}
 

@@ -22,7 +22,9 @@ class Laser:
     def __init__(self, from_mm, breaks=(), spikes=(), least_s=0.0):
         self.time_s = np.arange(least_s, 12.0, 0.01)
         noise = np.random.default_rng(1).normal(0.0, 1e-4, len(self.time_s))
-        self.mm = np.interp(self.time_s, [BEGIN_S - 0.5, BEGIN_S], [from_mm, LEVEL_MM]) + noise
+        self.mm = (
+            np.interp(self.time_s, [BEGIN_S - 0.5, BEGIN_S], [from_mm, LEVEL_MM]) + noise
+        )
         for at_s, off_mm in spikes:
             self.mm[np.searchsorted(self.time_s, at_s)] += off_mm
         self.breaks = [Break(int(at_s * S), "beam lost") for at_s in breaks]
@@ -45,7 +47,10 @@ class Laser:
 def along(laser, step_mm, begin_s=BEGIN_S + 0.05):
     at = (laser.time_s > BEGIN_S + 0.2) & (laser.time_s < BEGIN_S + 0.8)
     taken = Taken(
-        window=summarise(laser.time_s[at], laser.mm[at]), from_ns=10.2 * S, to_ns=10.8 * S, beam=1.0
+        window=summarise(laser.time_s[at], laser.mm[at]),
+        from_ns=10.2 * S,
+        to_ns=10.8 * S,
+        beam=1.0,
     )
     return came_along(laser, taken, begin_s * S, step_mm)
 

@@ -85,10 +85,14 @@ def test_slow_air_before_a_slow_instrument_is_no_step(rate_hz):
     for _ in range(250):
         values = np.empty(count)
         values[0] = rng.normal(0.0, 0.5)
-        for at, drawn in enumerate(rng.normal(0.0, 0.5 * np.sqrt(1 - memory**2), count - 1), 1):
+        for at, drawn in enumerate(
+            rng.normal(0.0, 0.5 * np.sqrt(1 - memory**2), count - 1), 1
+        ):
             values[at] = memory * values[at - 1] + drawn
         mm, ns = 1e-3 * values, np.arange(count) / rate_hz * 1e9
-        span = Span(time_ns=ns, position_mm=mm, beam=np.ones(count), channels=None, unusable=0)
+        span = Span(
+            time_ns=ns, position_mm=mm, beam=np.ones(count), channels=None, unusable=0
+        )
         taken = take(span, 0.0, float(ns[-1]), RULES, 0.001)
         step = find_step(mm)
         steps = (message("window-step", step_um=step[0]),) if step[0] else ()

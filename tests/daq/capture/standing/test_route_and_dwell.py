@@ -117,4 +117,6 @@ def test_plateaus_are_the_standstills(levels, seed):
     values = np.concatenate(position) + rng.normal(0, 0.3e-3, 1000 * len(levels))
     found = find_plateaus(np.arange(len(values)) * 1e6, values, 0.4)
     assert [round(each.level_mm) for each in found] == levels
-    assert all(abs(each.level_mm - level) < 1e-3 for each, level in zip(found, levels, strict=True))
+    assert all(
+        abs(each.level_mm - level) < 1e-3 for each, level in zip(found, levels, strict=True)
+    )

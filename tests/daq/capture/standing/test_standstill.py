@@ -33,10 +33,14 @@ class Lagging(Timeline):
         data = bytearray(super().registers(now, heartbeat))
         for name, first, last in (("count", 2, 4), ("signal", 4, 6), ("position", 8, 20)):
             if name in self.late_s:
-                data[first:last] = super().registers(now - self.late_s[name], heartbeat)[first:last]
+                data[first:last] = super().registers(now - self.late_s[name], heartbeat)[
+                    first:last
+                ]
         if self.running_in:
             data[8:20] = self.on_the_way(now - self.late_s.get("position", 0.0))
-        since = next((now - begin for begin, end in self.schedule() if begin <= now < end), None)
+        since = next(
+            (now - begin for begin, end in self.schedule() if begin <= now < end), None
+        )
         if since is not None and any(begin <= since < end for begin, end in self.flicker):
             (bits,) = struct.unpack(">H", data[4:6])
             data[4:6] = struct.pack(">H", bits & ~1)
@@ -111,7 +115,9 @@ def test_a_position_that_runs_in_and_a_stop_signal_of_the_scan_before_cost_nothi
     assert [stop.position_mm for stop in stops] == [
         pytest.approx(true.position, abs=1e-4) for true in truth
     ]
-    assert {each.code for each in findings} <= ({"stop-doubtful"} if rate_hz < 100.0 else set())
+    assert {each.code for each in findings} <= (
+        {"stop-doubtful"} if rate_hz < 100.0 else set()
+    )
 
 
 def test_a_poller_that_is_held_up_after_the_lag_costs_nothing():
@@ -195,8 +201,12 @@ def test_a_stop_that_was_not_seen_to_be_left_is_another_one(late_s):
     ]
     parsed = parse_survey(survey_text(), "survey.toml")
     capture = Capture(parsed, PassBook(parsed).start(skip_open_dwell=False))
-    outcomes = [outcome for event in events for outcome in capture.feed(event)] + capture.finish()
-    assert [each.stop for each in outcomes if isinstance(each, CapturedStop)] == list(range(10))
+    outcomes = [
+        outcome for event in events for outcome in capture.feed(event)
+    ] + capture.finish()
+    assert [each.stop for each in outcomes if isinstance(each, CapturedStop)] == list(
+        range(10)
+    )
 
 
 def within(block, spans):

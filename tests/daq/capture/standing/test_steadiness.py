@@ -49,7 +49,10 @@ def test_noise_drift_and_vibration_are_no_step(seed, count):
     assert (
         step_in_um(
             1e-3
-            * (noise + 3.0 * np.sin(2 * np.pi * rng.uniform(8, 60) * time_s + rng.uniform(0, 6)))
+            * (
+                noise
+                + 3.0 * np.sin(2 * np.pi * rng.uniform(8, 60) * time_s + rng.uniform(0, 6))
+            )
         )
         == 0.0
     )

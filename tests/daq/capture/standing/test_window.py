@@ -25,7 +25,8 @@ def test_stated_uncertainty_is_the_real_one(memory):
     rng = np.random.default_rng(4)
     time_s = np.arange(2000) / 1000.0
     windows = [
-        summarise(time_s, 10.0 + correlated(rng, 2000, 0.3, memory) * 1e-3) for _ in range(120)
+        summarise(time_s, 10.0 + correlated(rng, 2000, 0.3, memory) * 1e-3)
+        for _ in range(120)
     ]
     spread = np.std([window.mean_mm * 1e3 for window in windows], ddof=1)
     stated = np.sqrt(np.mean([window.u_um**2 for window in windows]))

@@ -125,12 +125,15 @@ def test_a_pattern_that_tells_nothing_of_air_is_refused(pattern):
 def test_the_channels_are_in_the_order_of_the_names():
     batch = AskedAirDecoder(ASKED).feed(MANUAL, 1)
     assert (
-        dict(zip(MEASURED, batch.channels[0].tolist(), strict=True))["air_pressure_hpa"] == 1033.7
+        dict(zip(MEASURED, batch.channels[0].tolist(), strict=True))["air_pressure_hpa"]
+        == 1033.7
     )
 
 
 def test_a_sensor_is_asked_as_often_as_the_survey_template_says():
-    template = files("stepdiag.daq.survey").joinpath("template.toml").read_text(encoding="utf-8")
+    template = (
+        files("stepdiag.daq.survey").joinpath("template.toml").read_text(encoding="utf-8")
+    )
     settings = AirSettings(pattern="(?P<air_temperature_c>.*)")
     assert (
         f"#poll_s = {settings.poll_s}\n"

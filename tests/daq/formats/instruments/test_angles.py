@@ -109,7 +109,8 @@ def test_a_line_without_an_end_is_no_reading_however_it_begins():
 
 
 @pytest.mark.parametrize(
-    ("unit", "urad"), [("arcsec", ARCSEC), ("urad", 1.0), ("mrad", 1e3), ("deg", np.pi / 180 * 1e6)]
+    ("unit", "urad"),
+    [("arcsec", ARCSEC), ("urad", 1.0), ("mrad", 1e3), ("deg", np.pi / 180 * 1e6)],
 )
 def test_units(unit, urad):
     assert URAD[unit] == pytest.approx(urad)
@@ -137,7 +138,9 @@ def test_any_split_of_the_bytes_gives_the_same_readings(lines, cuts):
     expected = whole.feed(data, 1)
     edges = sorted({0, len(data), *(cut for cut in cuts if cut < len(data))})
     parts = [split.feed(data[first:last], 1) for first, last in pairwise(edges)]
-    rows = [row.tolist() for part in parts if part.channels is not None for row in part.channels]
+    rows = [
+        row.tolist() for part in parts if part.channels is not None for row in part.channels
+    ]
     assert np.array_equal(
         np.array(rows).reshape(-1, 2),
         expected.channels if expected.channels is not None else np.zeros((0, 2)),

@@ -28,7 +28,9 @@ TOLD = {
 
 
 def frame(counter, nanometres, beam=1000, status=0, order="<"):
-    body = b"\xaa\x55" + struct.pack(order + "HiHB", counter % 65536, nanometres, beam, status)
+    body = b"\xaa\x55" + struct.pack(
+        order + "HiHB", counter % 65536, nanometres, beam, status
+    )
     return body + struct.pack("<H", modbus_crc(body))
 
 

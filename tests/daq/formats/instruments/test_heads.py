@@ -87,7 +87,8 @@ def test_status_bits_and_impossible_values_are_flagged():
 
 def test_the_weakest_sum_is_the_beam():
     samples = decode(
-        frame(1) + frame(2, (0, 0, 5000, 0, 0, 40000, 0, 0, 30000)), full_sum=(100000, 50000, 50000)
+        frame(1) + frame(2, (0, 0, 5000, 0, 0, 40000, 0, 0, 30000)),
+        full_sum=(100000, 50000, 50000),
     )
     assert samples.beam.tolist() == pytest.approx([0.5, 0.05])
     assert samples.flags.tolist() == [0, Flag.BEAM_LOST]
@@ -116,7 +117,8 @@ def test_a_sync_inside_the_values_does_not_lose_the_frames_behind():
 
 def test_endless_garbage_is_remarked_by_portions():
     assert (
-        codes(feed_all(FourdofDecoder(FourdofSettings()), [b"\x55" * 1000] * 10)) == ["garbage"] * 2
+        codes(feed_all(FourdofDecoder(FourdofSettings()), [b"\x55" * 1000] * 10))
+        == ["garbage"] * 2
     )
 
 

@@ -10,7 +10,11 @@ from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Decoder, Ids3010Settings
-from stepdiag.daq.formats.instruments.lasertex import LasertexDecoder, LasertexSettings, command
+from stepdiag.daq.formats.instruments.lasertex import (
+    LasertexDecoder,
+    LasertexSettings,
+    command,
+)
 from stepdiag.daq.formats.instruments.qudis import QudisDecoder, QudisSettings
 from stepdiag.daq.formats.recognise import recognise
 from stepdiag.daq.timing.samples import Flag
@@ -20,7 +24,11 @@ from testkit.streams import codes
 
 
 def weather(samples):
-    return {notice.name: notice.value for notice in samples.notices if notice.code == "environment"}
+    return {
+        notice.name: notice.value
+        for notice in samples.notices
+        if notice.code == "environment"
+    }
 
 
 def ids(number, *result, **more):
@@ -70,7 +78,9 @@ def test_an_ids_answers_in_picometres_with_contrast_and_air():
         "air_pressure_hpa": 987.25,
         "relative_humidity_percent": 44.0,
     }
-    assert ids_decode(ids(1, 0, -2_000_000, 0, 0), sign=-1).position_mm[0] == pytest.approx(0.002)
+    assert ids_decode(ids(1, 0, -2_000_000, 0, 0), sign=-1).position_mm[0] == pytest.approx(
+        0.002
+    )
 
 
 @pytest.mark.parametrize(
@@ -133,8 +143,15 @@ def test_a_command_is_eight_bytes_with_a_checksum():
 
 def test_the_flags_of_a_lasertex_are_held_until_they_are_dropped_and_dropped_once_heard():
     lost = distance(5, state=0x01)
-    samples = lasertex(lost + distance(6, speed=8) + distance(7, state=0x08) + distance(8, level=5))
-    assert samples.flags.tolist() == [Flag.BEAM_LOST, Flag.SLEW, Flag.HEAD_ERROR, Flag.BEAM_LOST]
+    samples = lasertex(
+        lost + distance(6, speed=8) + distance(7, state=0x08) + distance(8, level=5)
+    )
+    assert samples.flags.tolist() == [
+        Flag.BEAM_LOST,
+        Flag.SLEW,
+        Flag.HEAD_ERROR,
+        Flag.BEAM_LOST,
+    ]
     respond = LasertexDecoder(LasertexSettings()).responder()
     assert respond(distance(1)) == b""
     assert respond(lost[:9]) == b""
@@ -160,7 +177,9 @@ def test_the_sensors_of_a_lasertex_fill_the_environment():
 
 
 def test_acknowledgements_and_speeds_are_passed_over_and_a_wrong_checksum_is_garbage():
-    assert lasertex(lasertex_frame(0xB032, b"") + lasertex_frame(0xB016, b"\x01")).notices == ()
+    assert (
+        lasertex(lasertex_frame(0xB032, b"") + lasertex_frame(0xB016, b"\x01")).notices == ()
+    )
     spoilt = distance(1)[:-1] + b"\x00"
     assert codes(lasertex(spoilt + distance(2))) == ["garbage"]
 
@@ -169,7 +188,10 @@ def tell(index, *readings, address=0x0F00):
     words = []
     for picometres, edges in readings:
         whole = picometres & (1 << 48) - 1
-        words += [whole & 0xFFFFFF | (edges & 0x7F) << 24, whole >> 24 | edges >> 7 << 24 | 1 << 31]
+        words += [
+            whole & 0xFFFFFF | (edges & 0x7F) << 24,
+            whole >> 24 | edges >> 7 << 24 | 1 << 31,
+        ]
     return struct.pack(f"<5i{len(words)}I", 16 + 4 * len(words), 4, address, index, 0, *words)
 
 

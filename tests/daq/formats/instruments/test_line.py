@@ -36,7 +36,14 @@ def test_every_unit_becomes_mm(unit, mm):
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("1", 1.0), (".5", 0.5), ("-3.", -3.0), ("+2.5e-3", 0.0025), ("- 1.25", -1.25), ("  7 ", 7.0)],
+    [
+        ("1", 1.0),
+        (".5", 0.5),
+        ("-3.", -3.0),
+        ("+2.5e-3", 0.0025),
+        ("- 1.25", -1.25),
+        ("  7 ", 7.0),
+    ],
 )
 def test_numbers_are_read_as_instruments_write_them(text, value):
     assert decode(text.encode() + b"\n", pattern="(?P<position>.*)").position_mm[
@@ -69,7 +76,9 @@ def test_a_counter_wraps_at_its_modulus_signed_or_not(counts, modulus):
 
 
 def test_gaps_duplicates_and_restarts_of_the_counter_are_told():
-    samples = decode(b"".join(b"P=1 N=%d S=1\n" % count for count in (40000, 40003, 40003, 0)))
+    samples = decode(
+        b"".join(b"P=1 N=%d S=1\n" % count for count in (40000, 40003, 40003, 0))
+    )
     assert [(notice.code, notice.index) for notice in samples.notices] == [
         ("gap", 1),
         ("duplicate", 2),
@@ -108,7 +117,9 @@ def test_lines_may_end_with_a_carriage_return_alone():
 
 def test_the_first_line_may_be_cut_and_is_not_used():
     """123.456 cut in front is 3.456: it still matches."""
-    samples = LineDecoder(LineSettings(pattern="(?P<position>.*)")).feed(b"3.456\n123.457\n", 0)
+    samples = LineDecoder(LineSettings(pattern="(?P<position>.*)")).feed(
+        b"3.456\n123.457\n", 0
+    )
     assert samples.flags.tolist() == [Flag.OUT_OF_RANGE, 0]
 
 
@@ -151,7 +162,8 @@ ROWS = st.builds(
     st.floats(0, 1.5),
 ).map(str.encode)
 STREAMS = st.lists(
-    ROWS | st.binary(max_size=20) | st.just(b"\n") | st.just(b"9" * (LINE_CAP + 2)), max_size=8
+    ROWS | st.binary(max_size=20) | st.just(b"\n") | st.just(b"9" * (LINE_CAP + 2)),
+    max_size=8,
 ).map(b"".join)
 
 
@@ -171,7 +183,9 @@ class TestLineWithoutCounter(SteadyDecoderContract):
     def make(self):
         return LineDecoder(
             LineSettings(
-                pattern=r"P=(?P<position>\S*) N=\S+ S=(?P<beam>\S+)", terminator="\r", beam_full=0.5
+                pattern=r"P=(?P<position>\S*) N=\S+ S=(?P<beam>\S+)",
+                terminator="\r",
+                beam_full=0.5,
             )
         )
 

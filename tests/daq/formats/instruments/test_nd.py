@@ -30,9 +30,9 @@ def test_the_current_value_is_nine_digits_of_the_configured_step():
 
 def test_the_displayed_value_has_a_point_and_a_unit():
     assert decode(DISPLAYED, value="displayed").position_mm[0] == pytest.approx(-12345.6789)
-    assert decode(b"\x02+1.5\r\n", value="displayed", unit="inch").position_mm[0] == pytest.approx(
-        38.1
-    )
+    assert decode(b"\x02+1.5\r\n", value="displayed", unit="inch").position_mm[
+        0
+    ] == pytest.approx(38.1)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,9 @@ def test_a_display_of_several_axes_sends_a_line_for_each():
         assert not samples.notices
 
 
-@pytest.mark.parametrize("answer", [b"\x15", b"\x02ERROR 03\r\n", DISPLAYED, b"\x02+12345\x15"])
+@pytest.mark.parametrize(
+    "answer", [b"\x15", b"\x02ERROR 03\r\n", DISPLAYED, b"\x02+12345\x15"]
+)
 def test_a_refusal_or_a_text_is_a_sample_that_cannot_be_used(answer):
     samples = decode(answer)
     assert np.isnan(samples.position_mm).all()
@@ -94,7 +96,9 @@ def test_settings_that_cannot_be_meant_are_refused_by_name(changes, field):
 
 
 STREAMS = st.lists(
-    st.sampled_from([CURRENT, DISPLAYED, b"\x15", b"\x06", b"\x02", b"\r\n", b"+000001234\r\n"])
+    st.sampled_from(
+        [CURRENT, DISPLAYED, b"\x15", b"\x06", b"\x02", b"\r\n", b"+000001234\r\n"]
+    )
     | st.binary(max_size=300),
     max_size=15,
 ).map(b"".join)

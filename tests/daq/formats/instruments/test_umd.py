@@ -46,7 +46,9 @@ def test_a_real_board_decodes_with_no_line_lost():
     assert codes(samples) == ["banner", "device", "rate", "device"]
     assert not samples.flags[13:].any()
     displacement = int(raw.splitlines()[-1].split()[2])
-    assert samples.position_mm[-1] == pytest.approx(displacement / 4 * 632.991e-6 / 2, rel=1e-12)
+    assert samples.position_mm[-1] == pytest.approx(
+        displacement / 4 * 632.991e-6 / 2, rel=1e-12
+    )
 
 
 def test_the_scale_of_a_silent_head_is_not_guessed():
@@ -176,7 +178,9 @@ def test_a_rate_change_is_told_at_its_line():
 
 def test_sensors_of_the_board_are_handed_on():
     told = [(3, 2012), (4, 1987), (5, 101325), (6, 503)]
-    samples = decode(lines(*(line(n, code=code, data=data) for n, (code, data) in enumerate(told))))
+    samples = decode(
+        lines(*(line(n, code=code, data=data) for n, (code, data) in enumerate(told)))
+    )
     assert {notice.name: notice.value for notice in samples.notices} == pytest.approx(
         {
             "temperature_1_c": 20.12,
@@ -223,10 +227,17 @@ def test_firmware_264_tells_the_width_of_its_phase():
 
 def test_a_phase_of_unknown_width_is_not_guessed():
     samples = decode(
-        lines(line(1), line(2, 100, phase=64), line(3, code=10, data=247), line(4, 100, phase=64))
+        lines(
+            line(1),
+            line(2, 100, phase=64),
+            line(3, code=10, data=247),
+            line(4, 100, phase=64),
+        )
     )
     assert samples.flags.tolist() == [0, Flag.PHASE_ERROR, 0, 0]
-    assert [notice.index for notice in samples.notices if "phase_bits" in str(notice.why)] == [1]
+    assert [
+        notice.index for notice in samples.notices if "phase_bits" in str(notice.why)
+    ] == [1]
     told = decode(lines(line(1), line(2, 100, phase=64)), phase_bits=8)
     assert told.position_mm[1] == pytest.approx(99.75 * RULE)
     assert not told.flags.any()

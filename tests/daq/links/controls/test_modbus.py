@@ -14,7 +14,12 @@ from structlog.testing import capture_logs
 
 from stepdiag.base.errors import DeviceError
 from stepdiag.daq.links.controls import poller
-from stepdiag.daq.links.controls.modbus import ModbusLink, TcpSettings, answer_within, open_link
+from stepdiag.daq.links.controls.modbus import (
+    ModbusLink,
+    TcpSettings,
+    answer_within,
+    open_link,
+)
 from stepdiag.daq.links.controls.modbus_errors import (
     LostConnectionError,
     RefusedRequestError,
@@ -52,7 +57,9 @@ def serve():
 
 def settings(server, timeout_s=60.0):
     """What is meant to come may take its time; only what is meant to fail is given a short one."""
-    return TcpSettings(host="127.0.0.1", port=server.port, timeout_s=timeout_s, connect_s=60.0)
+    return TcpSettings(
+        host="127.0.0.1", port=server.port, timeout_s=timeout_s, connect_s=60.0
+    )
 
 
 def ask(server, ranges, work=None, timeout_s=60.0):
@@ -192,7 +199,9 @@ def test_an_answer_of_another_length_is_not_believed(serve):
     max_examples=20, suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture]
 )
 @hypothesis.given(
-    pdu=st.one_of(st.binary(max_size=12), st.binary(max_size=10).map(lambda data: b"\x03" + data))
+    pdu=st.one_of(
+        st.binary(max_size=12), st.binary(max_size=10).map(lambda data: b"\x03" + data)
+    )
 )
 def test_whoever_answers_can_say_registers_or_cost_the_connection(serve, pdu):
     """Bytes that are no answer are silence, a late answer, a refusal or a lost line: never anything
@@ -248,7 +257,9 @@ def poll_for(server, during, *, period_s=0.02, timeout_s=60.0):
     machine = MachinePoller(settings(server, timeout_s), [BLOCK], period_s, blocks.append)
 
     async def run():
-        keeper = Reconnector("machine", machine.session, lambda state, *_: states.append(state))
+        keeper = Reconnector(
+            "machine", machine.session, lambda state, *_: states.append(state)
+        )
         task = asyncio.create_task(keeper.run())
         await asyncio.to_thread(during, machine, blocks, states)
         task.cancel()
@@ -337,7 +348,9 @@ def test_a_device_that_refuses_everything_is_asked_again(serve, monkeypatch):
     assert blocks
 
 
-def test_a_handshake_waits_for_the_connection_and_a_refused_one_does_not_stop_the_polls(serve):
+def test_a_handshake_waits_for_the_connection_and_a_refused_one_does_not_stop_the_polls(
+    serve,
+):
     written = []
 
     def answer(pdu):
@@ -371,10 +384,14 @@ def test_a_handshake_does_not_wait_for_the_next_poll(serve):
         assert not refused
         written.set()
 
-    machine = MachinePoller(settings(serve(answer)), [BLOCK], 3600.0, blocks.append, on_written)
+    machine = MachinePoller(
+        settings(serve(answer)), [BLOCK], 3600.0, blocks.append, on_written
+    )
 
     async def run():
-        task = asyncio.create_task(Reconnector("machine", machine.session, lambda *_: None).run())
+        task = asyncio.create_task(
+            Reconnector("machine", machine.session, lambda *_: None).run()
+        )
         await asyncio.to_thread(wait_until, lambda: bool(blocks))
         machine.write_soon("holding", 100, 7)
         assert await asyncio.to_thread(written.wait, 60.0)
@@ -400,11 +417,16 @@ def test_an_order_to_end_is_heeded_even_if_the_client_forgets_it(serve, monkeypa
 
     monkeypatch.setattr(ModbusLink, "read", read)
     machine = MachinePoller(
-        settings(serve(lambda pdu: b"\x03" + registers(1, 2, 3))), [BLOCK], 0.02, lambda block: None
+        settings(serve(lambda pdu: b"\x03" + registers(1, 2, 3))),
+        [BLOCK],
+        0.02,
+        lambda block: None,
     )
 
     async def run():
-        task = asyncio.create_task(Reconnector("machine", machine.session, lambda *_: None).run())
+        task = asyncio.create_task(
+            Reconnector("machine", machine.session, lambda *_: None).run()
+        )
         await asyncio.to_thread(wait_until, lambda: bool(answered))
         task.cancel()
         done, _ = await asyncio.wait({task}, timeout=60.0)

@@ -36,7 +36,9 @@ async def while_running(session, work):
 
 
 def stream_of(name, chunks, **more):
-    return SerialStream(SerialSettings(port=name), lambda *chunk: chunks.append(chunk), **more)
+    return SerialStream(
+        SerialSettings(port=name), lambda *chunk: chunks.append(chunk), **more
+    )
 
 
 def descriptors():
@@ -82,7 +84,9 @@ def test_a_terminal_server_that_restarts_is_found_again(pty):
     async def run():
         with terminal_server(pty.name, "socket", port) as name:
             keeping = Reconnector(
-                "laser", stream_of(name, chunks).session, lambda state, *_: states.append(state)
+                "laser",
+                stream_of(name, chunks).session,
+                lambda state, *_: states.append(state),
             )
             task = asyncio.create_task(keeping.run())
             await asyncio.to_thread(wait_until, lambda: "connected" in states)
@@ -210,7 +214,9 @@ def test_no_thread_and_no_descriptor_is_left(pty):
 
         for _ in range(3):
             asyncio.run(while_running(stream_of(name, chunks).session, work))
-    assert not [thread for thread in threading.enumerate() if thread.name.startswith("serial ")]
+    assert not [
+        thread for thread in threading.enumerate() if thread.name.startswith("serial ")
+    ]
     assert descriptors() <= before
 
 

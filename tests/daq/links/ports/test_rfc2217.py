@@ -71,7 +71,9 @@ def test_ports_are_named_by_scheme_host_and_port():
     assert network_line("RFC2217://moxa-1.hall.example:7/") == NetworkLine(
         "rfc2217", "moxa-1.hall.example", 7
     )
-    assert network_line("socket://[fe80::1%eth0]:1") == NetworkLine("socket", "fe80::1%eth0", 1)
+    assert network_line("socket://[fe80::1%eth0]:1") == NetworkLine(
+        "socket", "fe80::1%eth0", 1
+    )
 
 
 @pytest.mark.parametrize(

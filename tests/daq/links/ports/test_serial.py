@@ -64,13 +64,17 @@ def test_every_byte_arrives_in_order_with_a_stamp_of_the_moment(pty):
             before_ns = now_ns()
             pty.write(block)
             wait_until(
-                lambda whole=100 * (block[0] + 1): sum(len(data) for data, _ in chunks) == whole
+                lambda whole=100 * (block[0] + 1): (
+                    sum(len(data) for data, _ in chunks) == whole
+                )
             )
             assert before_ns - 1000 <= chunks[-1][1] <= now_ns()
 
     asyncio.run(
         while_running(
-            SerialStream(settings(pty), lambda *chunk: chunks.append(chunk)).session, work, states
+            SerialStream(settings(pty), lambda *chunk: chunks.append(chunk)).session,
+            work,
+            states,
         )
     )
     assert b"".join(data for data, _ in chunks) == b"".join(sent)
@@ -214,7 +218,8 @@ def test_cancelling_ends_the_thread_by_itself(pty, monkeypatch):
 def test_a_port_that_is_not_there_is_refused_by_name(tmp_path):
     stream = SerialStream(SerialSettings(port=str(tmp_path / "ttyNone")), lambda *_: None)
     with pytest.raises(
-        DeviceError, match=r"ttyNone: expected a port that opens, found No such file.*plugged in"
+        DeviceError,
+        match=r"ttyNone: expected a port that opens, found No such file.*plugged in",
     ):
         asyncio.run(stream.session(States()))
 
@@ -248,7 +253,9 @@ def test_a_port_that_does_not_take_the_settings_is_not_blamed_on_the_cable(pty):
 def test_a_cable_pulled_out_ends_the_session(pty):
     async def pulled():
         states = States()
-        task = asyncio.create_task(SerialStream(settings(pty), lambda *_: None).session(states))
+        task = asyncio.create_task(
+            SerialStream(settings(pty), lambda *_: None).session(states)
+        )
         await asyncio.to_thread(wait_until, lambda: bool(states))
         pty.close()
         await task
@@ -311,7 +318,9 @@ def test_a_silent_line_is_said_and_so_is_its_return(pty, monkeypatch):
         pty.write(b"x")
         wait_until(lambda: states[:3] == ["connected", "silent", "connected"])
 
-    asyncio.run(while_running(SerialStream(settings(pty), lambda *_: None).session, work, states))
+    asyncio.run(
+        while_running(SerialStream(settings(pty), lambda *_: None).session, work, states)
+    )
 
 
 def test_a_pty_has_no_low_latency_mode_and_that_is_borne(pty):
@@ -362,7 +371,10 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next(monkeypatch):
     display = Display(monkeypatch, [b"", b"0001\n", b"", b"0002\n", b""])
     display.pause = lambda _seconds: setattr(display, "wanted", bool(display._answer))
     polled = PolledSerial(
-        SerialSettings(port="x"), lambda *chunk: chunks.append(chunk), request=b"?", interval_s=0.03
+        SerialSettings(port="x"),
+        lambda *chunk: chunks.append(chunk),
+        request=b"?",
+        interval_s=0.03,
     )
     polled._poll(display)
     assert [data for data, _ in chunks] == [b"0002\n"]
@@ -384,7 +396,9 @@ def counts(monkeypatch):
 
     def asked(line, request, *more):
         return (
-            struct.pack("20i", *told) if request == tty.TIOCGICOUNT else ioctl(line, request, *more)
+            struct.pack("20i", *told)
+            if request == tty.TIOCGICOUNT
+            else ioctl(line, request, *more)
         )
 
     monkeypatch.setattr(tty.fcntl, "ioctl", asked)

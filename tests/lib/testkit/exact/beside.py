@@ -81,7 +81,9 @@ class Beside:
             )
         }
         bench = self.bench
-        box = Box(origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments)
+        box = Box(
+            origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments
+        )
         placing = np.random.default_rng(1000 + bench.seed)
         for setup in self.setups:
             placed = aligned_setup(bench.machine, box, setup, self._alignment(placing, setup))
@@ -136,7 +138,8 @@ class Beside:
         found = []
         for axis, letter in enumerate("XYZ"):
             targets = np.tile(
-                np.array(self.bench.origin_mm, dtype=np.float64), (self.bench.increments + 1, 1)
+                np.array(self.bench.origin_mm, dtype=np.float64),
+                (self.bench.increments + 1, 1),
             )
             targets[:, axis] += np.linspace(
                 0.0, self.bench.size_mm[axis], self.bench.increments + 1

@@ -20,7 +20,12 @@ from stepdiag.daq.survey.file import parse_survey
 from stepdiag.virtual.control.siemens import SiemensControl
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment, aligned_setup
-from stepdiag.virtual.physics.error_functions import Amplitudes, ErrorSet, Table, random_errors
+from stepdiag.virtual.physics.error_functions import (
+    Amplitudes,
+    ErrorSet,
+    Table,
+    random_errors,
+)
 from stepdiag.virtual.physics.machine import Machine
 from testkit.cli import stepdiag
 from testkit.ordinary.measured import simulate_pass
@@ -30,7 +35,11 @@ from testkit.timeline import Standstill, Timeline, survey_text
 BOX_MM = (300.0, 200.0, 100.0)
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
 ERRS = Amplitudes(
-    positioning_um=6.0, straightness_um=5.0, angle_urad=1.0, scale_um_m=30.0, squareness_urad=25.0
+    positioning_um=6.0,
+    straightness_um=5.0,
+    angle_urad=1.0,
+    scale_um_m=30.0,
+    squareness_urad=25.0,
 )
 RATE_HZ, POLL_HZ = 100.0, 20.0
 """So slow that a survey is recorded in a second of the processor."""
@@ -112,7 +121,9 @@ class Bench(Timeline):
         for begin, end in self.dead:
             if begin <= now < end:
                 return super().registers(begin, int(begin * self.poll_hz))
-        beat, count, bits, *rest = struct.unpack(">HHHHiiiHHHH", super().registers(now, heartbeat))
+        beat, count, bits, *rest = struct.unpack(
+            ">HHHHiiiHHHH", super().registers(now, heartbeat)
+        )
         if self.lag_s:
             _, count, _, setup, *place = struct.unpack(
                 ">HHHHiiiHHHH", super().registers(now - self.lag_s, heartbeat)
@@ -229,7 +240,9 @@ class Program:
                 read = self.machine.indicated_mm(placed, middle[None, :])[0]
                 self._stand(middle, read, setup=name, counts=0)
             if "home" in kinds:
-                self._stand(taken.position_mm[0] - 20.0, reads[0] - 40.0, setup=name, counts=0)
+                self._stand(
+                    taken.position_mm[0] - 20.0, reads[0] - 40.0, setup=name, counts=0
+                )
             if "touched" in kinds:
                 self.count_mm += kinds["touched"] * 1e-3
             if "left" in kinds:
@@ -253,7 +266,9 @@ class Program:
         last = self.stops[-1]
         self.stops.append(Standstill(last.position, last.reading + 7.0, 0, seconds, 0, False))
 
-    def _stand(self, position, reading, *, setup, seconds=0.55, shown=True, counts=1, off_mm=0.0):
+    def _stand(
+        self, position, reading, *, setup, seconds=0.55, shown=True, counts=1, off_mm=0.0
+    ):
         place = tuple(float(value) for value in position)
         self.stops.append(
             Standstill(
@@ -305,7 +320,9 @@ class Program:
 
 def survey_file(*, size=BOX_MM, n=2, back=False, signals="", setups=SETUPS, compensated=True):
     """Return the survey file of a bench."""
-    text = survey_text(size=size, n=n, setups=setups, back=back, signals=signals, rate_hz=RATE_HZ)
+    text = survey_text(
+        size=size, n=n, setups=setups, back=back, signals=signals, rate_hz=RATE_HZ
+    )
     text = text.replace("compensated = true", f"compensated = {str(compensated).lower()}")
     return text.replace("[laser]", '[machine]\ncompensation = "off"\n[laser]', 1)
 
@@ -355,7 +372,9 @@ def judged(folder, logs, machine, size=BOX_MM):
     before = rms_um(machine, (), size)
     told = stepdiag("solve", logs, "--out", result)
     if told.code not in (0, 3) or not result.exists():
-        return Judged(told.code, None, None, before, None, frozenset(), told.refusal or told.out)
+        return Judged(
+            told.code, None, None, before, None, frozenset(), told.refusal or told.out
+        )
     solved = json.loads(result.read_text(encoding="utf-8"))
     findings, unseen = solved["findings"], _unseen(solved.get("unseen_slip"))
     lines = tuple(line for each in findings for line in _lines_of(each.get("arguments")))
@@ -379,10 +398,19 @@ def judged(folder, logs, machine, size=BOX_MM):
         encoding="utf-8",
     )
     out = folder / "export"
-    done = stepdiag("export", result, "--controller", "siemens", "--profile", profile, "--out", out)
+    done = stepdiag(
+        "export", result, "--controller", "siemens", "--profile", profile, "--out", out
+    )
     if done.code:
         return Judged(
-            told.code, done.code, None, before, None, codes, f"{words} | {done.refusal}", lines
+            told.code,
+            done.code,
+            None,
+            before,
+            None,
+            codes,
+            f"{words} | {done.refusal}",
+            lines,
         )
     files = [path for path in sorted(out.glob("*.INI")) if "_RESTORE" not in path.name]
     verified = stepdiag("verify", result, *files, "--profile", profile)
@@ -393,7 +421,9 @@ def judged(folder, logs, machine, size=BOX_MM):
 def _unseen(slips):
     """Return the passes in which a slip may go unseen, each with the effect of 1 um of it."""
     sizes = [each for each in (slips or {}).values() if each and each["half_um"]]
-    return {name: each["volume_um"] / each["half_um"] for each in sizes for name in each["passes"]}
+    return {
+        name: each["volume_um"] / each["half_um"] for each in sizes for name in each["passes"]
+    }
 
 
 def _lines_of(arguments):

@@ -48,7 +48,11 @@ MACHINE_DATA = {
     "$MN_MM_CEC_MAX_POINTS": "30",
     "$MA_CEC_MAX_SUM": "1",
 }
-SQUARE = {"C0Y": ("EXY", "EYX", -1.0), "B0Z": ("EXZ", "EZX", 1.0), "A0Z": ("EYZ", "EZY", -1.0)}
+SQUARE = {
+    "C0Y": ("EXY", "EYX", -1.0),
+    "B0Z": ("EXZ", "EZX", 1.0),
+    "A0Z": ("EYZ", "EZY", -1.0),
+}
 """By contract 1: the function that holds a squareness, the other one of the pair, and the sign of
 their slopes."""
 STEPS, MINUTES = 10, 10.0
@@ -91,15 +95,25 @@ LISTED: Mapping[str, Callable[[ControlFile], ControlFile | None]] = {
     "CEC alone": lambda file: file if "CEC" in file.name else None,
     "nothing": lambda file: None,
     "inches": lambda file: replace(file, data=_scaled(file.data.decode(), 1 / 25.4).encode()),
-    "sign turned": lambda file: replace(file, data=_scaled(file.data.decode(), -1.0).encode()),
-    "micrometres": lambda file: replace(file, data=_scaled(file.data.decode(), 1000.0).encode()),
+    "sign turned": lambda file: replace(
+        file, data=_scaled(file.data.decode(), -1.0).encode()
+    ),
+    "micrometres": lambda file: replace(
+        file, data=_scaled(file.data.decode(), 1000.0).encode()
+    ),
 }
 """What stands in ``machine.existing`` in place of the files that are in the control."""
 READ_OUT = "read out"
 """There stands what the control held while it was measured, with its switches."""
 NEEDED = "proof run needed"
 """End of a story whose read-back is right, and whose survey does not show which tables acted."""
-ACCEPTED = ("change-large", "slope-steep", "value-large", "correction-small", "travel-not-covered")
+ACCEPTED = (
+    "change-large",
+    "slope-steep",
+    "value-large",
+    "correction-small",
+    "travel-not-covered",
+)
 """What a hasty person accepts unread; nothing that asks about the compensation."""
 
 
@@ -196,7 +210,8 @@ class Hall:
 
     def _table(self, value: str, grid: str, at: Values) -> Values:
         low, high, step = (
-            float(self.control.held.get(grid.format(name), "0")) for name in ("MIN", "MAX", "STEP")
+            float(self.control.held.get(grid.format(name), "0"))
+            for name in ("MIN", "MAX", "STEP")
         )
         if step <= 0.0:
             return 0.0 * at
@@ -297,7 +312,9 @@ def stories() -> Iterator[Story]:
     """Yield everything that a hasty person did: 63 sequences, and 43 of tables of another size,
     switched over before loading, stated by what was read out, and of axes referenced elsewhere."""
     for done, old in itertools.product((*EDITED, *HELD), (False, True)):
-        yield Story(old=old, on="all" if old else "none", stated="on" if old else "off", done=done)
+        yield Story(
+            old=old, on="all" if old else "none", stated="on" if old else "off", done=done
+        )
     for listed in LISTED:
         yield Story(
             old=True, on="all", stated="off" if listed == "nothing" else "on", listed=listed
@@ -343,7 +360,9 @@ def lived(
     measured, data = (
         hall.survey(),
         tuple(
-            file for file in archive if file.name.endswith(".INI") and "RESTORE" not in file.name
+            file
+            for file in archive
+            if file.name.endswith(".INI") and "RESTORE" not in file.name
         ),
     )
     if story.listed == READ_OUT:
@@ -371,7 +390,9 @@ def lived(
         return f"export: {getattr(error, 'code', 'refused')}", before, before
     if story.done == "another machine":
         files = _exported(Hall(seed + 1000).survey(), base, folder / "other")
-    tables = [file for file in files if file.name.endswith(".INI") and "RESTORE" not in file.name]
+    tables = [
+        file for file in files if file.name.endswith(".INI") and "RESTORE" not in file.name
+    ]
     judged = verify_files(measured, tables, profile)
     if not judged.right:
         return "verify", before, before
@@ -395,7 +416,9 @@ def lived(
     if along is not None:
         acting, replaced = acting_in(measured, SIEMENS, tables, profile)
         ahead = plan_proof(measured, along, DRIVEN, acting, MINUTES)
-        found = prove(measured, along, hall.readings(ahead.setups, ahead.repeats), acting, replaced)
+        found = prove(
+            measured, along, hall.readings(ahead.setups, ahead.repeats), acting, replaced
+        )
         if found.action == "undecided" and found.further:
             found = prove(
                 measured,
@@ -443,6 +466,8 @@ def _load(hall: Hall, files: tuple[ControlFile, ...], *, half: bool = False) -> 
     ]
     for number, file in enumerate(sorted(programs, key=lambda file: file.name, reverse=True)):
         text = file.data.decode("ascii")
-        hall.control.stop_after = len(text.splitlines()) // 2 if half and number == 0 else None
+        hall.control.stop_after = (
+            len(text.splitlines()) // 2 if half and number == 0 else None
+        )
         hall.control.run(text)
         hall.control.stop_after = None

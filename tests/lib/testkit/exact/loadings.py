@@ -96,9 +96,9 @@ class Sequence:
         self.maker, self.folder = maker, folder
         self.chain = str(self.rng.choice(["FXYZ", "XYFZ", "XFYZ", "ZYXF"]))
         far = self.rng.choice([0.0, 1.0])
-        self.low = np.round(self.rng.uniform(-3000.0, 2000.0, 3) * far / 100.0) * 100.0 - np.array(
-            [200.0, 0.0, 300.0]
-        ) * (1.0 - far)
+        self.low = np.round(
+            self.rng.uniform(-3000.0, 2000.0, 3) * far / 100.0
+        ) * 100.0 - np.array([200.0, 0.0, 300.0]) * (1.0 - far)
         self.size = np.array([400.0, 400.0, 300.0])
         self.angle_urad = angle = float(self.rng.choice([0.0, 10.0]))
         self.held = int(self.rng.choice([0, 0, 8, 12]))
@@ -116,7 +116,9 @@ class Sequence:
         )
         turns = self.rng.random() < 0.3
         self.turned_um = (
-            np.array([float(self.rng.uniform(-4.0, 4.0)) for _ in "XYZ"]) if turns else np.zeros(3)
+            np.array([float(self.rng.uniform(-4.0, 4.0)) for _ in "XYZ"])
+            if turns
+            else np.zeros(3)
         )
         self.plant: Plant = PLANTS[maker](self.chain, low)
         self.reference_mm = low
@@ -173,7 +175,11 @@ class Sequence:
         if told.code:
             return Step(maker=self.maker, asked=asked, code=told.code, refusal=told.refusal)
         judged = stepdiag(
-            "verify", folder / "result.json", folder / "out", "--profile", folder / "profile.toml"
+            "verify",
+            folder / "result.json",
+            folder / "out",
+            "--profile",
+            folder / "profile.toml",
         )
         found = json.loads(told.out)["predicted"]["without_rigid_motion"]["after"]["rms_um"]
         points = anywhere_mm(volume)
@@ -217,7 +223,9 @@ class Sequence:
 
     def _both_ways_um(self, volume: Volume, points: np.ndarray) -> float:
         """Return what the machine errs by as it is now, over both directions of travel (rms)."""
-        mean = self._rms_um(volume, self.machine.error_at(points) + self.plant.moved_um(points))
+        mean = self._rms_um(
+            volume, self.machine.error_at(points) + self.plant.moved_um(points)
+        )
         half = (self.turned_um + self.plant.turned_um(points, tables=True)) / 2.0
         return float(np.hypot(mean, np.sqrt(np.mean(np.sum(half**2, axis=1)))))
 
@@ -226,7 +234,10 @@ class Sequence:
         control from looking at is left."""
         entered = []
         for text in offers:
-            axis, more = "XYZ".index(text[1]), float(text.split("; backlash ")[1].split(" µm")[0])
+            axis, more = (
+                "XYZ".index(text[1]),
+                float(text.split("; backlash ")[1].split(" µm")[0]),
+            )
             if "both" not in text.split("(k = 2): ")[1] and self.hand.random() < 0.8:
                 goes = re.search(r"from (\S+) µm to (\S+) µm$", text)
                 self.plant.backlash_um[axis] = (
@@ -340,7 +351,8 @@ class Sequence:
             names = [name for name in DISPLACEMENTS if name in drawn]
         if self.maker in ("fanuc", "fagor"):
             names = (
-                names and [name for name in names if name[1] == name[2] or self.maker == "fanuc"]
+                names
+                and [name for name in names if name[1] == name[2] or self.maker == "fanuc"]
             ) or ["EXX", "EYY", "EZZ"]
         section = self._section()
         if '"lists"' in section:
@@ -349,7 +361,9 @@ class Sequence:
                 for letter in "XYZ"
             }
             names = [
-                name for name in DISPLACEMENTS if name[1] == name[2] or cross[name[1]] == name[2]
+                name
+                for name in DISPLACEMENTS
+                if name[1] == name[2] or cross[name[1]] == name[2]
             ]
         return names, {
             "section": section,
@@ -441,7 +455,9 @@ class Sequence:
                 f"step_mm = {STEP_MM * sections}",
             ]
             said = (
-                self.maker == "linuxcnc" or words["direction"] == "both" or self.hand.random() < 0.7
+                self.maker == "linuxcnc"
+                or words["direction"] == "both"
+                or self.hand.random() < 0.7
             )
             lines += [f"backlash_um = {self.plant.backlash_um[axis]}"] if said else []
             lines += [f"reference_mm = {start}", f"start_mm = {start}", f"end_mm = {end}"]

@@ -20,7 +20,17 @@ class Machine:
     files: Mapping[str, bytes] = field(default_factory=dict)
     directions: tuple[str, ...] = ("mean", "both")
     axis_lines: tuple[str, ...] = ()
-    functions: tuple[str, ...] = ("EXX", "EYY", "EZZ", "EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
+    functions: tuple[str, ...] = (
+        "EXX",
+        "EYY",
+        "EZZ",
+        "EYX",
+        "EZX",
+        "EXY",
+        "EZY",
+        "EXZ",
+        "EYZ",
+    )
 
 
 def new_punch_file(points: int = 700) -> bytes:
@@ -65,7 +75,9 @@ MACHINES: dict[str, Machine] = {
     "fanuc": Machine(
         section=FANUC, files={"PITCH.TXT": new_punch_file()}, functions=("EXX", "EYY", "EZZ")
     ),
-    "heidenhain": Machine(section='[heidenhain]\ngeneration = "tnc640"\n', directions=("mean",)),
+    "heidenhain": Machine(
+        section='[heidenhain]\ngeneration = "tnc640"\n', directions=("mean",)
+    ),
     "linuxcnc": Machine(
         section="[linuxcnc]\njoints = { X = [0], Y = [1], Z = [2] }\n",
         axis_lines=("backlash_um = 0.0",),
@@ -75,7 +87,8 @@ MACHINES: dict[str, Machine] = {
         directions=("mean",),
     ),
     "mitsubishi": Machine(
-        section='[mitsubishi]\noutput_unit_um = 0.5\ndata = "incremental"\n', directions=("mean",)
+        section='[mitsubishi]\noutput_unit_um = 0.5\ndata = "incremental"\n',
+        directions=("mean",),
     ),
     "fagor": Machine(section="[fagor]\n"),
     "neutral": Machine(section="[neutral]\n"),
@@ -122,10 +135,18 @@ def profile_of(
     ``reference_at``."""
     x, y, z = (size / sections for size in volume.size_mm)
     low = volume.origin_mm
-    references = (low[0] + x * reference_at, low[1] + y * reference_at, low[2] + z * reference_at)
+    references = (
+        low[0] + x * reference_at,
+        low[1] + y * reference_at,
+        low[2] + z * reference_at,
+    )
     text = profile_text(
         controller, steps_mm=(x, y, z), references_mm=references, direction=direction
     )
     return parse_profile(
-        text, f"{controller}.toml", controller_named(controller), volume, MACHINES[controller].files
+        text,
+        f"{controller}.toml",
+        controller_named(controller),
+        volume,
+        MACHINES[controller].files,
     )

@@ -35,7 +35,8 @@ def made_up_result(
     uncertainty."""
     names = (*DISPLACEMENTS, *(ROTATIONS if angles else ()))
     errors = {
-        name: _wave(order, name, amplitude_um, u_um, scales) for order, name in enumerate(names)
+        name: _wave(order, name, amplitude_um, u_um, scales)
+        for order, name in enumerate(names)
     }
     turned = {name: _reversal(errors[name]) for name in ("EXX", "EYY")} if reversal else {}
     findings = (
@@ -63,7 +64,9 @@ def made_up_result(
             letter: Scale(value=slope, u=0.3 if scales else None, identified=scales)
             for letter in "XYZ"
         },
-        setups=setups(ppp={"tilt_mrad": 0.43, "repeatability_um": 0.25}, npp={"tilt_mrad": 0.54}),
+        setups=setups(
+            ppp={"tilt_mrad": 0.43, "repeatability_um": 0.25}, npp={"tilt_mrad": 0.54}
+        ),
         findings=findings,
         reversal=turned,
         software=Software(name="stepdiag", version="0.1.0"),

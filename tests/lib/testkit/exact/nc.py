@@ -68,7 +68,8 @@ class Walk:
         """Return the sum of what two positions differ by in three axes; the names have a place for
         each."""
         return sum(
-            abs(self.read(one.format(axis)) - self.read(other.format(axis))) for axis in (1, 2, 3)
+            abs(self.read(one.format(axis)) - self.read(other.format(axis)))
+            for axis in (1, 2, 3)
         )
 
     def move(self, x: str, y: str, z: str, feed: str) -> None:
@@ -96,7 +97,9 @@ class Walk:
     def _leave(self) -> None:
         waited = self.waited_for is not None
         if waited:
-            assert self.waited_for == self.count, "waits for another stop than the one it stands at"
+            assert self.waited_for == self.count, (
+                "waits for another stop than the one it stands at"
+            )
         self.stands.append(Stand(self.path[-1], self.setup, self.count, self.dwelt_s, waited))
         self.stand_comments.append(self.comments[-1])
 
@@ -113,8 +116,12 @@ def _fanuc(walk: Walk) -> list[Rule]:
         walk.modes |= set(text.split())
 
     def move(*numbers: str) -> None:
-        assert walk.modes >= {"G21", "G90", "G94", "G40", "G49", "G54", "5201", "5221"}, walk.modes
-        assert all("." in number for number in numbers), "without a point it counts in increments"
+        assert walk.modes >= {"G21", "G90", "G94", "G40", "G49", "G54", "5201", "5221"}, (
+            walk.modes
+        )
+        assert all("." in number for number in numbers), (
+            "without a point it counts in increments"
+        )
         walk.move(*numbers)
 
     return [
@@ -129,7 +136,9 @@ def _fanuc(walk: Walk) -> list[Rule]:
         ),
         (
             r"IF\[FIX\[#(40\d\d)\]EQ(\d+)\]THEN #3000=\d\(([A-Z0-9. ]{1,26})\)",
-            lambda group, code, words: walk.refuse(int(walk.read(f"#{group}")) == int(code), words),
+            lambda group, code, words: walk.refuse(
+                int(walk.read(f"#{group}")) == int(code), words
+            ),
         ),
         (
             r"G53\nIF\[\[ABS\[#5021-#5041\]\+ABS\[#5022-#5042\]\+ABS\[#5023-#5043\]\]GT0\.003\]THEN #3000=\d\(([A-Z0-9. ]{1,26})\)",  # noqa: E501
@@ -153,7 +162,9 @@ def _fanuc(walk: Walk) -> list[Rule]:
 
 def _siemens(walk: Walk) -> list[Rule]:
     def word(index: str, value: str) -> None:
-        shown = {"0": walk.setup, "2": walk.count, "4": int(walk.stopped)} | {index: int(value)}
+        shown = {"0": walk.setup, "2": walk.count, "4": int(walk.stopped)} | {
+            index: int(value)
+        }
         walk.signal(shown["0"], shown["2"], bool(shown["4"]))
 
     def move(*numbers: str) -> None:
@@ -188,7 +199,9 @@ def _heidenhain(walk: Walk) -> list[Rule]:
 
     def move(*numbers: str) -> None:
         assert walk.modes >= {"X+0", "Y+0", "Z+0", "ROT+0", "SCL 1"}, walk.modes
-        assert all(number[0] in "+-" for number in numbers[:3]), "coordinates carry their sign"
+        assert all(number[0] in "+-" for number in numbers[:3]), (
+            "coordinates carry their sign"
+        )
         walk.move(*numbers)
 
     def compared(_again: str, place: str, expected: str, _on: str, words: str) -> None:
@@ -218,7 +231,10 @@ def _heidenhain(walk: Walk) -> list[Rule]:
         ),
         (r"STOP M5", lambda: setattr(walk, "halted", True)),
         (r"FN 20: WAIT FOR SYNC", walk.barrier),
-        (r"FN 20: WAIT FOR W100==(\d+)", lambda count: setattr(walk, "waited_for", int(count))),
+        (
+            r"FN 20: WAIT FOR W100==(\d+)",
+            lambda count: setattr(walk, "waited_for", int(count)),
+        ),
         (r"FN 19: PLC=\+(\d+)/\+(\d+)", to_plc),
         (rf"L X{N} Y{N} Z{N} R0 F{N} M91", move),
         (rf"CYCL DEF 9\.1 DWELL {N}", walk.dwell),
@@ -257,7 +273,12 @@ def _linuxcnc(walk: Walk) -> list[Rule]:
     ]
 
 
-RULES = {"fanuc": _fanuc, "siemens": _siemens, "heidenhain": _heidenhain, "linuxcnc": _linuxcnc}
+RULES = {
+    "fanuc": _fanuc,
+    "siemens": _siemens,
+    "heidenhain": _heidenhain,
+    "linuxcnc": _linuxcnc,
+}
 
 
 def walk_program(data: bytes, control: str, left: Mapping[str, float] | None = None) -> Walk:
@@ -269,7 +290,8 @@ def walk_program(data: bytes, control: str, left: Mapping[str, float] | None = N
     text = _unframed(data.decode("ascii"), control)
     walk = Walk(left or {})
     rules = [
-        (re.compile(rf"(?:{pattern})(?:\n|\Z)"), action) for pattern, action in RULES[control](walk)
+        (re.compile(rf"(?:{pattern})(?:\n|\Z)"), action)
+        for pattern, action in RULES[control](walk)
     ]
     at = 0
     while at < len(text):

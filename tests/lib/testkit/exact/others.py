@@ -42,7 +42,12 @@ SECTIONS = {
 }
 ASKED = {"fanuc": ["EXX", "EYY", "EZZ"], "fagor": ["EXX", "EYY", "EZZ"]}
 """Functions of controls that have tables for nothing else."""
-FACTORS = {"sign turned": -1.0, "inches": 1.0 / 25.4, "half the size": 0.5, "twice the size": 2.0}
+FACTORS = {
+    "sign turned": -1.0,
+    "inches": 1.0 / 25.4,
+    "half the size": 0.5,
+    "twice the size": 2.0,
+}
 """What the loaded files hold, against right ones."""
 DONE = ("whole", "twice", "half", "another machine", "nothing", *FACTORS)
 
@@ -76,7 +81,9 @@ def stories() -> Iterator[Story]:
             yield Story(maker=maker, old=False, done=done)
             yield Story(maker=maker, old=True, acted=True, stated="on", done=done)
         yield Story(maker=maker, old=True, acted=True, stated="on", done="old files again")
-        for size, acted, said in itertools.product((0.0, 0.5, 2.0), (False, True), ("off", "on")):
+        for size, acted, said in itertools.product(
+            (0.0, 0.5, 2.0), (False, True), ("off", "on")
+        ):
             if size or not (acted and said == "on"):
                 yield Story(maker=maker, old=True, acted=acted, stated=said, size=size)
         for acted, ready in itertools.product((False, True), repeat=2):
@@ -94,7 +101,9 @@ class Shop(Sequence):
         self.own_at_first = self.plant.own()
         self.errs(1.0)
         self.volume = Volume(
-            origin_mm=tuple(map(float, self.low)), size_mm=(400.0, 400.0, 300.0), increments=10
+            origin_mm=tuple(map(float, self.low)),
+            size_mm=(400.0, 400.0, 300.0),
+            increments=10,
         )
 
     def errs(self, times: float) -> None:
@@ -156,7 +165,12 @@ class Shop(Sequence):
             text = re.sub(r"(?m)^(step_mm = .*)", r"\1\nbacklash_um = 0.0", text)
         (folder / "profile.toml").write_text(text, encoding="utf-8")
         accept = [word for code in ACCEPTED for word in ("--accept", code)]
-        judged = (folder / "result.json", folder / "out", "--profile", folder / "profile.toml")
+        judged = (
+            folder / "result.json",
+            folder / "out",
+            "--profile",
+            folder / "profile.toml",
+        )
         told = stepdiag(
             "export",
             judged[0],

@@ -116,7 +116,9 @@ class SiemensPlant(Plant):
         if name not in ("AA_ENC_COMP", "AN_CEC"):
             return True
         place, number = (
-            ((index[0], index[2]), index[1]) if name == "AA_ENC_COMP" else ((index[0],), index[1])
+            ((index[0], index[2]), index[1])
+            if name == "AA_ENC_COMP"
+            else ((index[0],), index[1])
         )
         low, high, step = (
             float(self.control._memory.cells[f"{name}_{part}"][place])
@@ -173,7 +175,9 @@ class HeidenhainPlant(Plant):
             self.rows_before = then
 
     def own(self) -> dict[str, bytes]:
-        return {name: data for name, data in super().own().items() if not name.endswith(".txt")}
+        return {
+            name: data for name, data in super().own().items() if not name.endswith(".txt")
+        }
 
     def tables(self) -> list:
         if "CONFIG.CMA" not in self.texts:
@@ -183,13 +187,17 @@ class HeidenhainPlant(Plant):
         cells = {name: row[start : start + 16].strip() for name, start in starts}
         tables = {axis: self.texts[cells[axis]] for axis in NAMES if cells.get(axis)}
         return [
-            load_tables(tables, self.texts.get("kinematics_comp_lines.txt", ""), axis_names=NAMES)
+            load_tables(
+                tables, self.texts.get("kinematics_comp_lines.txt", ""), axis_names=NAMES
+            )
         ]
 
 
 class BeckhoffPlant(Plant):
     def own(self) -> dict[str, bytes]:
-        return {name: data for name, data in super().own().items() if not name.endswith(".txt")}
+        return {
+            name: data for name, data in super().own().items() if not name.endswith(".txt")
+        }
 
     def tables(self) -> list:
         found: list = [
@@ -207,7 +215,9 @@ class BeckhoffPlant(Plant):
 
 def _of_list(text: str) -> Iterator[AxisTable]:
     """Yield ssfk and crosscomp of an axis list, both as error, in 0.1 µm at 0.1 um."""
-    values = {cells[0]: cells[1] for line in text.splitlines() if len(cells := line.split()) == 2}
+    values = {
+        cells[0]: cells[1] for line in text.splitlines() if len(cells := line.split()) == 2
+    }
     axis = int(values["kopf.achs_nr"]) - 1
     for group, count, into, columns in (
         ("kw.ssfk", int(values.get("kw.ssfk.kw_nr_max", 0)), axis, ("pos", "neg")),
@@ -248,7 +258,9 @@ class LinuxCncPlant(Plant):
     def _named(self) -> list[str]:
         lines = [line for section in self.ini.values() for line in section]
         words = [
-            line.split(" = ", 1)[1] for line in lines if line.startswith(("COMP_FILE =", "HALFILE"))
+            line.split(" = ", 1)[1]
+            for line in lines
+            if line.startswith(("COMP_FILE =", "HALFILE"))
         ]
         lattices = [
             found[1]
@@ -308,7 +320,9 @@ class MitsubishiPlant(Plant):
         return {"own.txt": "\r\n".join([*lines, ""]).encode("ascii")} if lines else {}
 
     def tables(self) -> list:
-        return [self._pair(base) for base in range(4000, 4100, 10) if base + 1 in self.numbers]
+        return [
+            self._pair(base) for base in range(4000, 4100, 10) if base + 1 in self.numbers
+        ]
 
     def _pair(self, base: int) -> AxisTable:
         into, onto = ("XYZ".index(NAMES[self.numbers[base + number]]) for number in (1, 2))

@@ -63,7 +63,12 @@ def made_result(
 
 
 def _function(
-    volume: Volume, name: str, rows: Sequence[float] | None, u: float, slope: bool, unit: str = "um"
+    volume: Volume,
+    name: str,
+    rows: Sequence[float] | None,
+    u: float,
+    slope: bool,
+    unit: str = "um",
 ) -> Function:
     position = volume.nodes_mm("XYZ".index(name[2]))
     known = rows is not None

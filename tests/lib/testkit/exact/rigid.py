@@ -67,7 +67,9 @@ class RandomMachine:
         for axis in range(3):
             at = points_mm[:, axis]
             turn = (
-                np.column_stack([self.angle_urad(axis, component, at) for component in range(3)])
+                np.column_stack(
+                    [self.angle_urad(axis, component, at) for component in range(3)]
+                )
                 * 1e-6
             )
             error += (
@@ -90,7 +92,10 @@ class RandomMachine:
             return self.slopes["XYZ".index(name), "XYZ".index(name)]
         axis, component = "XYZ".index(name[2]), "XYZ".index(name[1])
         at = self.size_mm[axis] * node / increments
-        return self.displacement_um(axis, component, at) - 1e-3 * self.slopes[axis, component] * at
+        return (
+            self.displacement_um(axis, component, at)
+            - 1e-3 * self.slopes[axis, component] * at
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

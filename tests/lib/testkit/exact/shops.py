@@ -98,7 +98,8 @@ def draw(seed):
     can be."""
     rng = np.random.default_rng((seed, 40))
     size = tuple(
-        float(10 * round(value / 10)) for value in rng.uniform((200, 150, 80), (600, 400, 300))
+        float(10 * round(value / 10))
+        for value in rng.uniform((200, 150, 80), (600, 400, 300))
     )
     cause = list(CAUSES)[seed % len(CAUSES)]
     kinds = (
@@ -145,7 +146,9 @@ def _turbulent_um(rng, count, rate_hz):
     density = sum(1 / (corner * (1 + (hz / corner) ** 2)) for corner in corners_hz)
     density *= 2 / np.pi / len(corners_hz)
     noise = rng.normal(size=(2, len(hz)))
-    return np.fft.irfft(np.sqrt(density * rate_hz * size / 4) * (noise[0] + 1j * noise[1]))[:count]
+    return np.fft.irfft(np.sqrt(density * rate_hz * size / 4) * (noise[0] + 1j * noise[1]))[
+        :count
+    ]
 
 
 def _scaled(factors):
@@ -174,7 +177,9 @@ def _sign(shop, rng):
 
 def _factor(shop, rng):
     factor = float(rng.choice([1 / 25.4, 10.0, 2.0, 0.1]))
-    return replace(shop, value=f"{factor:.4g}", map=_scaled(factor), line="plc.signals.x_mm.scale")
+    return replace(
+        shop, value=f"{factor:.4g}", map=_scaled(factor), line="plc.signals.x_mm.scale"
+    )
 
 
 def _permuted(shop, rng):
@@ -299,9 +304,12 @@ def _expansion_twice(shop, rng):
 
 def _wavelength(shop, rng):
     """The file states a wavelength in vacuum that is another laser's, or that in air."""
-    stated_nm, true_nm = [(632.8, 632.991), (632.991, 543.5), (632.991, 1550.0), (632.991, 780.24)][
-        int(rng.integers(4))
-    ]
+    stated_nm, true_nm = [
+        (632.8, 632.991),
+        (632.991, 543.5),
+        (632.991, 1550.0),
+        (632.991, 780.24),
+    ][int(rng.integers(4))]
     return replace(
         shop,
         value=f"{true_nm:g} nm",
@@ -339,7 +347,9 @@ def _one_fault(shop, rng):
     }
     kind = str(rng.choice(list(kinds)))
     at = int(rng.integers(1, 6))
-    return replace(shop, value=f"{kind} at {at}", faults=(Fault(kind, "ppp", 1, at, kinds[kind]),))
+    return replace(
+        shop, value=f"{kind} at {at}", faults=(Fault(kind, "ppp", 1, at, kinds[kind]),)
+    )
 
 
 CAUSES = {
@@ -427,9 +437,13 @@ class ShopBench(Bench):
 
     def registers(self, now, heartbeat):
         shop = self.shop
-        told = list(struct.unpack(CONTRACT, super().registers(now - shop.plc_late_s, heartbeat)))
+        told = list(
+            struct.unpack(CONTRACT, super().registers(now - shop.plc_late_s, heartbeat))
+        )
         if shop.bit_early_s:
-            other = struct.unpack(CONTRACT, super().registers(now + shop.bit_early_s, heartbeat))[2]
+            other = struct.unpack(
+                CONTRACT, super().registers(now + shop.bit_early_s, heartbeat)
+            )[2]
             told[2] = told[2] | other & 1 if shop.bit_early_s > 0 else told[2] & (other | ~1)
         told[-4:] = shop.air
         if shop.codes is not None:
@@ -477,7 +491,8 @@ def survey_of(shop, *, increments=2):
         text = text.replace("[machine]\n", "[machine]\napply_expansion = true\n", 1)
     if shop.machine == "none":
         text = (
-            text.replace("poll_hz = 40", 'transport = "none"') + '[environment]\nsource = "fixed"\n'
+            text.replace("poll_hz = 40", 'transport = "none"')
+            + '[environment]\nsource = "fixed"\n'
         )
     return text
 
@@ -573,7 +588,9 @@ bit = 1
 {positions}
 """
 SETUP_SIGNAL = "[plc.signals.setup]\naddress = 3\noffset = {offset}\n"
-MACHINES["no positions"] = CONTRACT_MAP.format(setup=SETUP_SIGNAL.format(offset=0), positions="")
+MACHINES["no positions"] = CONTRACT_MAP.format(
+    setup=SETUP_SIGNAL.format(offset=0), positions=""
+)
 POSITION = (
     '[plc.signals.{axis}_mm]\naddress = {address}\ntype = "int32"\nscale = {scale!r}\noffset = '
     "{offset!r}\n"
@@ -593,7 +610,10 @@ def corrected(shop, text):
         "air twice": ("compensated = false", "compensated = true"),
         "expansion twice": ("apply_expansion = true\n", ""),
         "stop bit early": ("settle_s = 0.15", f"settle_s = {0.15 + shop.bit_early_s!r}"),
-        "other diagonal": (str(list(SETUPS)).replace("'", '"'), str(exchanged).replace("'", '"')),
+        "other diagonal": (
+            str(list(SETUPS)).replace("'", '"'),
+            str(exchanged).replace("'", '"'),
+        ),
         "laser late": (
             "compensated = true\n",
             f"compensated = true\nlatency_s = {shop.laser_late_s!r}\n",
@@ -608,7 +628,9 @@ def corrected(shop, text):
     ]
     positions = []
     for axis in range(3):
-        register = int(np.argmax([abs(shown[1 + axis][at] - shown[0][at]) for at in range(3)]))
+        register = int(
+            np.argmax([abs(shown[1 + axis][at] - shown[0][at]) for at in range(3)])
+        )
         factor = (shown[1 + axis][register] - shown[0][register]) / 100.0
         if factor:
             offset = -shown[0][register] / factor

@@ -60,7 +60,9 @@ class Sinumerik:
                     f"{float(local[match[1]]) + (float(local[match[2]]) + 1) * float(self._value(match[3], local)):.9f}"  # noqa: E501
                 )
             elif match := _IF.match(line):
-                one, two = (_number(self._value(each, local)) for each in (match[1], match[3]))
+                one, two = (
+                    _number(self._value(each, local)) for each in (match[1], match[3])
+                )
                 if {"==": one == two, "<>": one != two, "<": match[2] == "<" and one < two}[
                     match[2]
                 ]:
@@ -101,12 +103,15 @@ class Sinumerik:
 
     def _set(self, name: str, value: str, local: dict[str, str]) -> None:
         if not name.startswith("$"):
-            local[name] = value.strip('"') if value.startswith('"') else self._value(value, local)
+            local[name] = (
+                value.strip('"') if value.startswith('"') else self._value(value, local)
+            )
             return
         place = self._indexed(name, local)
-        switch = {"$AN_CEC": "$SN_CEC_TABLE_ENABLE[{}]", "$AA_ENC": "$MA_ENC_COMP_ENABLE[{}]"}.get(
-            place[:7]
-        )
+        switch = {
+            "$AN_CEC": "$SN_CEC_TABLE_ENABLE[{}]",
+            "$AA_ENC": "$MA_ENC_COMP_ENABLE[{}]",
+        }.get(place[:7])
         if switch is not None:
             index = place[place.index("[") + 1 : -1].split(",")
             key = f"{index[0]},{index[-1]}" if place.startswith("$AA") else index[0]

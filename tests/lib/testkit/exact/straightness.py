@@ -20,7 +20,9 @@ def straightness(bench, seed, u_um=0.5, approaches=(1, -1)):
         points[:, axis] += np.linspace(0.0, bench.size_mm[axis], nodes)
         true = machine.error_at(points)[:, component]
         for approach in approaches:
-            line = rng.normal(0.0, 20.0) + rng.normal(0.0, 20.0) * np.linspace(0.0, 1.0, nodes)
+            line = rng.normal(0.0, 20.0) + rng.normal(0.0, 20.0) * np.linspace(
+                0.0, 1.0, nodes
+            )
             value = true + line + rng.normal(0.0, u_um, nodes)
             measured.append(
                 MeasuredStraightness(

@@ -56,7 +56,9 @@ def survey_of(*slips, n=4, back=False, seed=1, ideal=False):
     text = survey_text(size=SIZE_MM, n=n, setups=SETUPS, back=back) + IDEAL_SECTION * ideal
     survey = parse_survey(text, "survey.toml")
     box = Box(size_mm=SIZE_MM, increments=n)
-    machine = Machine(errors=random_errors(seed, (0.0, 0.0, 0.0), SIZE_MM, WANTED), chain="FXYZ")
+    machine = Machine(
+        errors=random_errors(seed, (0.0, 0.0, 0.0), SIZE_MM, WANTED), chain="FXYZ"
+    )
     book = PassBook(survey)
     start_s = 0.0
     for setup in SETUPS:
@@ -116,13 +118,16 @@ def _pass(survey, machine, box, setup, number, start_s, seed):
 
 
 def _judged(survey, book, machine):
-    result = solve(tabulate(survey, book.passes), chain="FXYZ", assumed=assumptions_of(survey))
+    result = solve(
+        tabulate(survey, book.passes), chain="FXYZ", assumed=assumptions_of(survey)
+    )
     book.suspect(suspected(book, result.findings))
     axes = [np.linspace(0.0, size, survey.volume.increments + 1) for size in SIZE_MM]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     true = machine.error_at(points)
     before, after = (
-        _rms_um(result, points, field) for field in (true, true - error_field_um(result, points))
+        _rms_um(result, points, field)
+        for field in (true, true - error_field_um(result, points))
     )
     findings = settled_findings(book, result.findings, stated={})
     named = {
@@ -140,5 +145,7 @@ def _judged(survey, book, machine):
 
 def _rms_um(result, points, field):
     return float(
-        np.sqrt(np.mean(np.sum(without_rigid_motion(result.volume, points, field) ** 2, axis=1)))
+        np.sqrt(
+            np.mean(np.sum(without_rigid_motion(result.volume, points, field) ** 2, axis=1))
+        )
     )

@@ -46,7 +46,9 @@ def golden_rows(name: str) -> list[dict[str, str]]:
     """Return the rows of a golden file, comments left out."""
     lines = [
         line
-        for line in (DATA / f"golden_stepdiag_{name}.csv").read_text(encoding="utf-8").splitlines()
+        for line in (DATA / f"golden_stepdiag_{name}.csv")
+        .read_text(encoding="utf-8")
+        .splitlines()
         if not line.startswith("#")
     ]
     return list(csv.DictReader(lines))
@@ -100,7 +102,8 @@ class Bench:
             low_mm=drawn.low_mm,
             size_mm=drawn.size_mm,
             functions={
-                name: self._waved(name, function) for name, function in drawn.functions.items()
+                name: self._waved(name, function)
+                for name, function in drawn.functions.items()
             },
             squareness_urad=drawn.squareness_urad,
             reversal=self.reversal,  # type: ignore[arg-type]
@@ -114,9 +117,13 @@ class Bench:
             return function
         turn = 2 * np.pi * self.waves / self.size_mm[AXES.index(name[2])]
         phase = float(
-            np.random.default_rng((self.seed, DISPLACEMENTS.index(name))).uniform(0, 2 * np.pi)
+            np.random.default_rng((self.seed, DISPLACEMENTS.index(name))).uniform(
+                0, 2 * np.pi
+            )
         )
-        return lambda at: function(at) + self.wave_um * (np.sin(turn * at + phase) - np.sin(phase))
+        return lambda at: (
+            function(at) + self.wave_um * (np.sin(turn * at + phase) - np.sin(phase))
+        )
 
     @property
     def truth(self) -> Truth:
@@ -160,7 +167,9 @@ class Bench:
             how = self._alignment(placing, setup, linear=linear)
             count_from: float | None = None
             for number in linear_passes if linear and linear_passes is not None else passes:
-                taken = Conditions(noise_um=noise, seed=int(rng.integers(1 << 31)), start_s=start_s)
+                taken = Conditions(
+                    noise_um=noise, seed=int(rng.integers(1 << 31)), start_s=start_s
+                )
                 one = simulate_pass(
                     machine,
                     box,
@@ -176,7 +185,9 @@ class Bench:
                 for name in ("stop", "position_mm", "beam_mm", "time_s"):
                     columns[name] += getattr(one, name).tolist()
                 count_from = one.first_mm if count_from is None or not joined else count_from
-                columns["reading_mm"] += (one.reading_mm + (one.first_mm - count_from)).tolist()
+                columns["reading_mm"] += (
+                    one.reading_mm + (one.first_mm - count_from)
+                ).tolist()
                 zero += [1 if joined else NO_ZERO] * len(one.stop)
                 u_um += [noise] * len(one.stop)
         return make_readings(**columns, u_um=u_um if self.states_u else None, zero=zero)
@@ -192,7 +203,9 @@ class Bench:
             beam_offset_mm=self.beam_offset_mm.get(setup, (0.0, 0.0, 0.0)),
         )
 
-    def angles(self, u_urad: float, *, stated: bool = True, seed: int = 7) -> dict[str, KnownAngle]:
+    def angles(
+        self, u_urad: float, *, stated: bool = True, seed: int = 7
+    ) -> dict[str, KnownAngle]:
         """Return the nine angular functions as a head would measure them, relative to their first
         position."""
         rng = np.random.default_rng(seed)
@@ -204,7 +217,9 @@ class Bench:
             for about in "ABC":
                 value = self.machine.errors.functions[f"E{about}{letter}"](nodes)
                 noise = (
-                    rng.normal(scale=u_urad, size=len(nodes)) if u_urad else np.zeros(len(nodes))
+                    rng.normal(scale=u_urad, size=len(nodes))
+                    if u_urad
+                    else np.zeros(len(nodes))
                 )
                 noise[0] = 0.0
                 u = np.full(len(nodes), u_urad if stated else np.nan)

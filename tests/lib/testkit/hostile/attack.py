@@ -57,7 +57,11 @@ def mask(version):
 
     def masked(function, *arguments):
         found = real(function, *arguments)
-        return min(found, version) if arguments[:2] == (confine._LANDLOCK_CREATE, None) else found
+        return (
+            min(found, version)
+            if arguments[:2] == (confine._LANDLOCK_CREATE, None)
+            else found
+        )
 
     if version < NEWEST:
         confine._call = masked
@@ -128,7 +132,13 @@ def attacks(pid, port, folder, secret):
         "ptrace attach": lambda: LIBC.ptrace(PTRACE_ATTACH, pid, None, None),
         "ptrace seize": lambda: LIBC.ptrace(PTRACE_SEIZE, pid, None, None),
         "its memory": lambda: descriptor(
-            "vmread", pid, ctypes.create_string_buffer(16), 1, ctypes.create_string_buffer(16), 1, 0
+            "vmread",
+            pid,
+            ctypes.create_string_buffer(16),
+            1,
+            ctypes.create_string_buffer(16),
+            1,
+            0,
         ),
         "its memory as a file": lambda: opened(f"/proc/{pid}/mem", os.O_RDONLY),
         "truncate": lambda: LIBC.truncate(log, 0),
@@ -159,7 +169,9 @@ def attacks(pid, port, folder, secret):
         ),
         "TCP to the PLC": lambda: sent((socket.AF_INET, socket.SOCK_STREAM)),
         "UDP to the PLC": lambda: sent((socket.AF_INET, socket.SOCK_DGRAM)),
-        "TCP in one packet": lambda: sent((socket.AF_INET, socket.SOCK_STREAM), flags=FASTOPEN),
+        "TCP in one packet": lambda: sent(
+            (socket.AF_INET, socket.SOCK_STREAM), flags=FASTOPEN
+        ),
         "a listening port": lambda: socket.create_server(("127.0.0.1", 0)).close(),
         "a raw socket": lambda: socket.socket(socket.AF_INET, socket.SOCK_RAW, 1).close(),
         "a packet socket": lambda: socket.socket(socket.AF_PACKET, socket.SOCK_RAW).close(),

@@ -107,5 +107,7 @@ def _within_limits(door: Door, folder: Path) -> int:
     now = int(Path("/proc/self/statm").read_text().split()[5]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_DATA, (now + MEMORY_BYTES, now + MEMORY_BYTES))
     spent = resource.getrusage(resource.RUSAGE_SELF)
-    resource.setrlimit(resource.RLIMIT_CPU, (int(spent.ru_utime + spent.ru_stime + CPU_S) + 1,) * 2)
+    resource.setrlimit(
+        resource.RLIMIT_CPU, (int(spent.ru_utime + spent.ru_stime + CPU_S) + 1,) * 2
+    )
     return door.go_through(folder).code

@@ -43,12 +43,16 @@ def most_polls(size: int) -> bytes:
 
 def most_events(size: int) -> bytes:
     """Chunks of one byte, as many as there may be in a message."""
-    return _filled(size, "/laser/raw", lambda first: _chunks(first, MOST_EVENTS, "1"), MOST_EVENTS)
+    return _filled(
+        size, "/laser/raw", lambda first: _chunks(first, MOST_EVENTS, "1"), MOST_EVENTS
+    )
 
 
 def most_samples(size: int) -> bytes:
     """Lines of a laser at rest."""
-    return _filled(size, "/laser/raw", lambda first: _chunks(first, 100, _line() * 3_000), 100)
+    return _filled(
+        size, "/laser/raw", lambda first: _chunks(first, 100, _line() * 3_000), 100
+    )
 
 
 def most_texts(size: int) -> bytes:
@@ -64,7 +68,9 @@ COSTLY: Mapping[str, Callable[[int], bytes]] = {
 
 def _line() -> str:
     """Return a line of the laser as the recorded log has it."""
-    raw = next(line for line in contents(recorded()).split(b"\n") if line.startswith(b"/laser/raw"))
+    raw = next(
+        line for line in contents(recorded()).split(b"\n") if line.startswith(b"/laser/raw")
+    )
     return json.loads(raw.partition(b" ")[2])["data"][0].split("\n")[1] + "\n"
 
 
@@ -106,21 +112,27 @@ def _filled(
         if kind == _CHANNEL and topic.encode() in body
     )
     first = _events(whole)
-    out = [whole[:8], *(_record(kind, body) for kind, body in records if kind not in _SUMMARY)]
+    out = [
+        whole[:8],
+        *(_record(kind, body) for kind, body in records if kind not in _SUMMARY),
+    ]
     while sum(map(len, out)) < size:
         messages: list[bytes] = []
         while not messages or sum(map(len, messages)) + len(messages[-1]) < _CHUNK_BYTES:
             messages.append(
                 _record(
                     _MESSAGE,
-                    struct.pack("<HIQQ", channel, 0, 0, 0) + msgspec.json.encode(message(first)),
+                    struct.pack("<HIQQ", channel, 0, 0, 0)
+                    + msgspec.json.encode(message(first)),
                 )
             )
             first += events
         data = b"".join(messages)
         packed = _chunk(data)
         out += [
-            _record(_PRIVATE, bytes(max(0, len(data) // MOST_UNPACKED_PER_BYTE - len(packed)))),
+            _record(
+                _PRIVATE, bytes(max(0, len(data) // MOST_UNPACKED_PER_BYTE - len(packed)))
+            ),
             packed,
         ]
     return b"".join(out)

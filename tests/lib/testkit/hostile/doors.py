@@ -17,7 +17,15 @@ from testkit.exact.machines import MACHINES, profile_text
 from testkit.exact.results import VOLUME
 from testkit.hostile.door import LOG, Door
 from testkit.hostile.doors_shop import shop_doors
-from testkit.hostile.foreign import ANGLES, CURVES, HEAD, HEAD_SAMPLES, READINGS, STAGE, targets
+from testkit.hostile.foreign import (
+    ANGLES,
+    CURVES,
+    HEAD,
+    HEAD_SAMPLES,
+    READINGS,
+    STAGE,
+    targets,
+)
 from testkit.hostile.foreign_logs import SURVEY, contents, recorded
 from testkit.hostile.foreign_tables import RESULT as TABLED
 from testkit.hostile.foreign_tables import Everything
@@ -108,7 +116,10 @@ def _solving() -> Iterator[tuple[str, Door]]:
         Door(command, {**readings, "u.toml": UNCERTAINTY}, "u.toml", wrong_toml),
     )
     command = ("solve", LOG, "--environment", "e.toml", *out)
-    yield "solve environment", Door(command, {"e.toml": ENVIRONMENT}, "e.toml", wrong_toml, WHOLE)
+    yield (
+        "solve environment",
+        Door(command, {"e.toml": ENVIRONMENT}, "e.toml", wrong_toml, WHOLE),
+    )
 
 
 def _results() -> Iterator[tuple[str, Door]]:
@@ -135,11 +146,21 @@ def _results() -> Iterator[tuple[str, Door]]:
     )
     yield (
         "report as left",
-        Door((*report, "--as-left", "s.json"), {**result, "s.json": RESULT}, "s.json", wrong_json),
+        Door(
+            (*report, "--as-left", "s.json"),
+            {**result, "s.json": RESULT},
+            "s.json",
+            wrong_json,
+        ),
     )
     yield (
         "compare",
-        Door(("compare", "r.json", "s.json"), {**result, "s.json": RESULT}, "s.json", wrong_json),
+        Door(
+            ("compare", "r.json", "s.json"),
+            {**result, "s.json": RESULT},
+            "s.json",
+            wrong_json,
+        ),
     )
     text = etalon.render(TABLED).data.decode()
     yield (
@@ -161,11 +182,23 @@ def _surveys() -> Iterator[tuple[str, Door]]:
     yield (
         "program",
         Door(
-            ("program", "s.toml", "--controller", "fanuc", "--out", "nc"), own, "s.toml", wrong_toml
+            ("program", "s.toml", "--controller", "fanuc", "--out", "nc"),
+            own,
+            "s.toml",
+            wrong_toml,
         ),
     )
     profile = profile_for("fanuc") + '[program]\nbegin = "G90"\n'
-    command = ("program", "s.toml", "--controller", "fanuc", "--profile", "p.toml", "--out", "nc")
+    command = (
+        "program",
+        "s.toml",
+        "--controller",
+        "fanuc",
+        "--profile",
+        "p.toml",
+        "--out",
+        "nc",
+    )
     yield "program profile", Door(command, {**own, "p.toml": profile}, "p.toml", wrong_toml)
     yield (
         "service",
@@ -191,12 +224,16 @@ def _logs() -> Iterator[tuple[str, Door]]:
         yield name, Door(command, {"survey": SURVEY}, "survey", wrong_toml)
         yield (
             f"{name}, contents",
-            Door(command, {"contents": contents(recorded()).decode()}, "contents", wrong_words),
+            Door(
+                command, {"contents": contents(recorded()).decode()}, "contents", wrong_words
+            ),
         )
     cut = {"survey of a cut log": SURVEY}
     yield (
         "recover",
-        Door(("recover", LOG, "--out", "mended.mcap"), cut, "survey of a cut log", wrong_toml),
+        Door(
+            ("recover", LOG, "--out", "mended.mcap"), cut, "survey of a cut log", wrong_toml
+        ),
     )
     yield (
         "replay survey",
@@ -209,7 +246,10 @@ def _logs() -> Iterator[tuple[str, Door]]:
         ),
     )
     accept = ("accept", ".", "ppp/1/1", "--reason", "seen")
-    yield "accept", Door(accept, {"survey": SURVEY, "judged.jsonl": JUDGED}, "survey", wrong_toml)
+    yield (
+        "accept",
+        Door(accept, {"survey": SURVEY, "judged.jsonl": JUDGED}, "survey", wrong_toml),
+    )
     yield (
         "accept judged",
         Door(accept, {"judged.jsonl": JUDGED}, "judged.jsonl", wrong_words, WHOLE),
@@ -219,7 +259,10 @@ def _logs() -> Iterator[tuple[str, Door]]:
 def _head() -> Iterator[tuple[str, Door]]:
     samples, head = {"near.csv": HEAD_SAMPLES.decode()}, {"head.toml": HEAD}
     calibration = ("--calibration", "head.toml")
-    yield "fourdof align", Door(("fourdof", "align", "near.csv"), samples, "near.csv", wrong_csv)
+    yield (
+        "fourdof align",
+        Door(("fourdof", "align", "near.csv"), samples, "near.csv", wrong_csv),
+    )
     stability = ("fourdof", "stability", "near.csv", *calibration, "--distance-mm", "500")
     yield "fourdof stability", Door(stability, {**samples, **head}, "near.csv", wrong_csv)
     calibrate = (
@@ -238,7 +281,12 @@ def _head() -> Iterator[tuple[str, Door]]:
     curves = {"c.csv": CURVES.decode(), "d.csv": CURVES.decode()}
     yield (
         "fourdof compare",
-        Door(("fourdof", "compare", "c.csv", "--reference", "d.csv"), curves, "d.csv", wrong_csv),
+        Door(
+            ("fourdof", "compare", "c.csv", "--reference", "d.csv"),
+            curves,
+            "d.csv",
+            wrong_csv,
+        ),
     )
 
 
@@ -297,7 +345,8 @@ def _linear_run(bump_um: float) -> str:
     """Return readings of a run along X over a bump."""
     own = (0.0, 5.5, 11.0, 9.0, 7.0, 5.0, 3.0, 4.0, 5.0)
     moved = [
-        um - bump_um * (abs(at) <= 100) for at, um in zip(range(-200, 201, 50), own, strict=True)
+        um - bump_um * (abs(at) <= 100)
+        for at, um in zip(range(-200, 201, 50), own, strict=True)
     ]
     rows = [
         f"linear-x,1,{stop},{50 * stop - 200},0,0,{50 * stop + 1e-3 * um:.4f}"
@@ -335,7 +384,9 @@ def _verify(name: str) -> Iterator[tuple[str, Door]]:
         command = ("report", "r.json", "files", "--profile", "p.toml", "--out", "r.html")
         yield (
             "report files",
-            Door(command, {**texts, **profile, **result}, f"files/{SUMS}", wrong_words, beside),
+            Door(
+                command, {**texts, **profile, **result}, f"files/{SUMS}", wrong_words, beside
+            ),
         )
 
 

@@ -70,10 +70,19 @@ def shop_doors() -> Iterator[tuple[str, Door]]:
             f"{FOLDER}/{LIVE}": _live(),
             f"{FOLDER}/0001/result.json": RESULT.to_json(),
         }
-        yield name, Door(("publish",), files, f"{FOLDER}/{wrong}", wrong_json, reads=_published)
+        yield (
+            name,
+            Door(("publish",), files, f"{FOLDER}/{wrong}", wrong_json, reads=_published),
+        )
     yield (
         "setup",
-        Door(("setup",), {"answers.json": _answers()}, "answers.json", wrong_json, reads=_set_up),
+        Door(
+            ("setup",),
+            {"answers.json": _answers()},
+            "answers.json",
+            wrong_json,
+            reads=_set_up,
+        ),
     )
 
 
@@ -94,7 +103,10 @@ def _runs() -> Iterator[tuple[str, Door]]:
     yield (
         "rtl",
         Door(
-            ("rtl", "r.csv", "--out", "rtl"), {"r.csv": render_readings(survey)}, "r.csv", wrong_csv
+            ("rtl", "r.csv", "--out", "rtl"),
+            {"r.csv": render_readings(survey)},
+            "r.csv",
+            wrong_csv,
         ),
     )
     diagonal = {"r.json": RESULT.to_json(), "d.rtl": run}
@@ -119,7 +131,10 @@ def _surveys() -> Iterator[tuple[str, Door]]:
             f"9600\n[head.angles]\n{turns}\nu_urad = 0.2\n"
         )
         text = template().replace("/var/lib", "var") + head
-        yield f"status {maker}", Door(("status", "s.toml"), {"s.toml": text}, "s.toml", wrong_toml)
+        yield (
+            f"status {maker}",
+            Door(("status", "s.toml"), {"s.toml": text}, "s.toml", wrong_toml),
+        )
 
 
 def _lists() -> Iterator[tuple[str, Door]]:
@@ -225,5 +240,7 @@ def _live() -> str:
     """Return the last word of a daemon."""
     link = LinkStatus(state="connected", address="/dev/null", age_s=0.1, detail="115200 baud")
     return msgspec.json.encode(
-        LiveStatus(time_s=time.time(), waits_for="ppp 1, stop 3", message="", laser=link, plc=link)
+        LiveStatus(
+            time_s=time.time(), waits_for="ppp 1, stop 3", message="", laser=link, plc=link
+        )
     ).decode()

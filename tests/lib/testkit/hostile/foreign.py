@@ -32,7 +32,12 @@ from stepdiag.daq.formats.instruments.qudis import QudisSettings
 from stepdiag.daq.formats.instruments.tqd import TqdSettings
 from stepdiag.daq.formats.instruments.umd.decoder import UmdSettings
 from stepdiag.daq.formats.registry import make_decoder
-from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalDecoder, SignalSpec, plan_reads
+from stepdiag.daq.formats.signals import (
+    CONTRACT_SIGNALS,
+    SignalDecoder,
+    SignalSpec,
+    plan_reads,
+)
 from stepdiag.daq.log.codec import decode
 from stepdiag.daq.log.reader import DAMAGE
 from stepdiag.daq.log.topics import RAW_TOPICS
@@ -75,7 +80,9 @@ from testkit.timeline import survey_text
 
 FORMATS = {
     "umd": UmdSettings(),
-    "line": LineSettings(pattern=r"(?P<position>[-+0-9.]+) (?P<counter>\d+) (?P<beam>[0-9.]+)"),
+    "line": LineSettings(
+        pattern=r"(?P<position>[-+0-9.]+) (?P<counter>\d+) (?P<beam>[0-9.]+)"
+    ),
     "nd": NdSettings(),
     "fourdof": FourdofSettings(),
     "tqd": TqdSettings(),
@@ -83,7 +90,9 @@ FORMATS = {
     "lasertex": LasertexSettings(),
     "qudis": QudisSettings(),
     "frames": FramesSettings(
-        sync="AA55", layout=("counter u16", "position i32", "beam f32", "status u8"), unit="nm"
+        sync="AA55",
+        layout=("counter u16", "position i32", "beam f32", "status u8"),
+        unit="nm",
     ),
     "elcomat": AnglesSettings(pattern=ELCOMAT, unit="arcsec"),
     "wyler": AnglesSettings(pattern=WYLER, unit="mrad", request="P"),
@@ -102,7 +111,8 @@ STREAMS = {
     b'"result": [0, 1, 1234567890, 3], "id": 1}\r\n',
     "lasertex": LASER.encode(HEIGHTS, HEIGHTS > 0.2),
     "frames": b"".join(
-        b"\xaa\x55" + struct.pack("<HifB", number, 1000 * number, 0.9, 0) for number in range(8)
+        b"\xaa\x55" + struct.pack("<HifB", number, 1000 * number, 0.9, 0)
+        for number in range(8)
     ),
     "qudis": struct.pack("<7i", 24, 3, 0x0773, 0, 1, 0, 1)
     + struct.pack("<5i4I", 32, 4, 0x0F00, 7, 0, 5, 1 << 31, 9, 1 << 31),
@@ -118,7 +128,9 @@ ANGLES = (
     b"axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad\nx,0,0,0,0,0.1\nx,100,1,2,,0.1\nx,300,2,3,"
     b"4,0.1\n"
 )
-CURVES = b"position_mm,EYX_um,EBX_arcsec,ECX_urad\n0,0,0,0\n100,1.5,2,3\n200,-1,0.5,\n300,0,0,1\n"
+CURVES = (
+    b"position_mm,EYX_um,EBX_arcsec,ECX_urad\n0,0,0,0\n100,1.5,2,3\n200,-1,0.5,\n300,0,0,1\n"
+)
 STAGE = b"reading,reference_um\n" + b"".join(
     b"%.2f,%d\n" % (0.1 * step, 65 * step) for step in range(-6, 7)
 )
@@ -133,7 +145,8 @@ def wobble(qd_x: float, qd_y: float) -> bytes:
         for n in range(8)
     )
     return (
-        "time_s,qd_x,qd_y,qd_sum,psd1_x,psd1_y,psd1_sum,psd2_x,psd2_y,psd2_sum\n" + "".join(rows)
+        "time_s,qd_x,qd_y,qd_sum,psd1_x,psd1_y,psd1_sum,psd2_x,psd2_y,psd2_sum\n"
+        + "".join(rows)
     ).encode()
 
 
@@ -153,7 +166,8 @@ OTHER_REGISTERS = {
 def targets() -> dict[str, Target]:
     """Return every target by name."""
     found = {
-        f"decoder {name}": Target(STREAMS.get(name, STREAM), _decoded(name)) for name in FORMATS
+        f"decoder {name}": Target(STREAMS.get(name, STREAM), _decoded(name))
+        for name in FORMATS
     }
     found["log message"] = Target(MESSAGE, _message)
     found["registers"] = Target(bytes(range(28)) * 2, refusing(_registers))
@@ -307,7 +321,9 @@ def _stage_run(data: bytes) -> object:
 
 
 def _curves(data: bytes) -> object:
-    return compare_curves(parse_curves(CURVES.decode(), ""), parse_curves(text_of(data), "foreign"))
+    return compare_curves(
+        parse_curves(CURVES.decode(), ""), parse_curves(text_of(data), "foreign")
+    )
 
 
 class _Heeding:

@@ -43,7 +43,9 @@ RATE_HZ = 100.0
 SURVEY = survey_text(setups=("ppp",), n=1, dwell=0.5).replace(
     "rate_hz = 250.0", f"rate_hz = {RATE_HZ}"
 )
-SURVEY += '[[export]]\ncontroller = "neutral"\nprofile = "p.toml"\n[solver]\nangles = "a.csv"\n'
+SURVEY += (
+    '[[export]]\ncontroller = "neutral"\nprofile = "p.toml"\n[solver]\nangles = "a.csv"\n'
+)
 PROFILE = profile_text(
     "neutral", steps_mm=(100.0, 100.0, 50.0), references_mm=(0.0, 0.0, 0.0), direction="mean"
 )
@@ -122,7 +124,10 @@ def contents(log: bytes) -> bytes:
         path.write_bytes(log)
         topics: dict[int, str] = {}
         header = open_log(path).header
-        lines = [json.dumps(header.survey_text).encode(), json.dumps(dict(header.run)).encode()]
+        lines = [
+            json.dumps(header.survey_text).encode(),
+            json.dumps(dict(header.run)).encode(),
+        ]
         for record in RecordReader(path):
             if isinstance(record, Channel):
                 topics[record.id] = record.topic
@@ -139,7 +144,9 @@ def with_survey(text: str) -> bytes:
         for name, word in json.loads(run).items()
         if name in ("start", *bundle_to_run(FILES))
     }
-    return log_of(b"\n".join((json.dumps(text).encode(), json.dumps(own).encode(), *messages)))
+    return log_of(
+        b"\n".join((json.dumps(text).encode(), json.dumps(own).encode(), *messages))
+    )
 
 
 def log_of(data: bytes) -> bytes:
@@ -167,7 +174,9 @@ def _json(line: bytes, kind: type, otherwise: object) -> object:
     with suppress(ValueError, RecursionError):
         found = json.loads(line)
         if isinstance(found, kind):
-            encodable = json.dumps(found, ensure_ascii=False).encode("utf-8", "replace").decode()
+            encodable = (
+                json.dumps(found, ensure_ascii=False).encode("utf-8", "replace").decode()
+            )
             found = json.loads(encodable)
             return (
                 {str(key): str(value) for key, value in found.items()}

@@ -99,7 +99,9 @@ def _profiles(name: str, text: str) -> list[tuple[str, Profile]]:
 
 
 def _parsed(text: str, controller: Controller) -> Profile:
-    return parse_profile(text, "foreign.toml", controller, VOLUME, MACHINES[controller.name].files)
+    return parse_profile(
+        text, "foreign.toml", controller, VOLUME, MACHINES[controller.name].files
+    )
 
 
 def _files(controller: Controller, profile: Profile) -> list[ControlFile]:
@@ -111,7 +113,9 @@ def _files(controller: Controller, profile: Profile) -> list[ControlFile]:
 def _kinds(files: list[ControlFile]) -> list[ControlFile]:
     """Return the files, one of those that are alike: the tables of the axes look the same."""
     return list(
-        {file.name.translate(str.maketrans("xyz23", "xxx11")): file for file in files}.values()
+        {
+            file.name.translate(str.maketrans("xyz23", "xxx11")): file for file in files
+        }.values()
     )
 
 
@@ -173,7 +177,11 @@ def _exported(controller: Controller, profile: Profile) -> object:
     with tempfile.TemporaryDirectory() as folder:
         try:
             return export(
-                RESULT, controller.name, profile, accept=Everything(), out_dir=Path(folder) / "out"
+                RESULT,
+                controller.name,
+                profile,
+                accept=Everything(),
+                out_dir=Path(folder) / "out",
             )
         finally:
             stray = [each.name for each in Path(folder).iterdir() if each.name != "out"]

@@ -53,7 +53,19 @@ TOML_VALUES = (
     "[[1], [2]]",
     LONG,
 )
-CSV_VALUES = (*NUMBERS, "nan", "inf", "", "x", '"', "ppp+1", "linear-x", " ", "1,2", "ä" * 1000)
+CSV_VALUES = (
+    *NUMBERS,
+    "nan",
+    "inf",
+    "",
+    "x",
+    '"',
+    "ppp+1",
+    "linear-x",
+    " ",
+    "1,2",
+    "ä" * 1000,
+)
 WORDS = (
     *NUMBERS,
     "nan",
@@ -85,10 +97,14 @@ def wrong_json(text: str, dice: random.Random) -> str:
             place.insert(path[-1], place[path[-1]])
         case _:
             place[path[-1]] = "@@wrong@@"
-    return json.dumps(tree, ensure_ascii=False).replace('"@@wrong@@"', dice.choice(JSON_VALUES), 1)
+    return json.dumps(tree, ensure_ascii=False).replace(
+        '"@@wrong@@"', dice.choice(JSON_VALUES), 1
+    )
 
 
-def _paths(tree: object, above: tuple[int | str, ...] = ()) -> Iterator[tuple[int | str, ...]]:
+def _paths(
+    tree: object, above: tuple[int | str, ...] = ()
+) -> Iterator[tuple[int | str, ...]]:
     items = (
         tree.items()
         if isinstance(tree, dict)
@@ -104,7 +120,9 @@ def _paths(tree: object, above: tuple[int | str, ...] = ()) -> Iterator[tuple[in
 def wrong_toml(text: str, dice: random.Random) -> str:
     """Return a TOML text with one setting or table wrong."""
     lines = text.splitlines()
-    places = [number for number, line in enumerate(lines) if re.match(r"\s*(\w+\s*=|\[)", line)]
+    places = [
+        number for number, line in enumerate(lines) if re.match(r"\s*(\w+\s*=|\[)", line)
+    ]
     number = dice.choice(places)
     key, equals, _ = lines[number].partition("=")
     match dice.choice(("value", "value", "value", "missing", "doubled", "unknown")):
@@ -130,7 +148,10 @@ def wrong_csv(text: str, dice: random.Random) -> str:
         case "doubled":
             rows.insert(row, rows[row])
         case "column":
-            rows = [[field for place, field in enumerate(each) if place != column] for each in rows]
+            rows = [
+                [field for place, field in enumerate(each) if place != column]
+                for each in rows
+            ]
         case _:
             rows[row][column] = dice.choice(CSV_VALUES)
     return "\n".join(",".join(each) for each in rows) + "\n"
@@ -150,5 +171,7 @@ def wrong_words(text: str, dice: random.Random) -> str:
             lines.insert(dice.randrange(len(lines)), lines.pop(row))
         case _ if words := list(re.finditer(r"[^\s=,:;\[\]()]+", lines[row])):
             word = dice.choice(words)
-            lines[row] = lines[row][: word.start()] + dice.choice(WORDS) + lines[row][word.end() :]
+            lines[row] = (
+                lines[row][: word.start()] + dice.choice(WORDS) + lines[row][word.end() :]
+            )
     return "".join(lines)

@@ -87,18 +87,27 @@ def state_of(rig: "hal.component", status: "linuxcnc.stat", started: int) -> dic
 
 
 def serve(
-    link: socket.socket, rig: "hal.component", command: "linuxcnc.command", status: "linuxcnc.stat"
+    link: socket.socket,
+    rig: "hal.component",
+    command: "linuxcnc.command",
+    status: "linuxcnc.stat",
 ) -> None:
     """Publish states and obey orders until told to quit or the rig has gone."""
     errors = linuxcnc.error_channel()
     received, started, resumed_s = b"", 0, 0.0
     while True:
         status.poll()
-        if status.interp_state == linuxcnc.INTERP_PAUSED and time.monotonic() - resumed_s > 0.2:
+        if (
+            status.interp_state == linuxcnc.INTERP_PAUSED
+            and time.monotonic() - resumed_s > 0.2
+        ):
             command.auto(linuxcnc.AUTO_RESUME)
             resumed_s = time.monotonic()
         state = state_of(rig, status, started)
-        if (error := errors.poll()) and error[0] in (linuxcnc.NML_ERROR, linuxcnc.OPERATOR_ERROR):
+        if (error := errors.poll()) and error[0] in (
+            linuxcnc.NML_ERROR,
+            linuxcnc.OPERATOR_ERROR,
+        ):
             state["error"] = error[1]
         link.sendall(json.dumps(state).encode() + b"\n")
         with contextlib.suppress(BlockingIOError):

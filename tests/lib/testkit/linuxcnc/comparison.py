@@ -29,7 +29,9 @@ def driven_rms_um(control: Control, machine: Machine, volume: Volume) -> float:
         if len(left) == len(points):
             errors = np.array([left[number] for number in range(len(points))])
             return float(
-                np.sqrt(np.mean(np.sum(without_rigid_motion(volume, points, errors) ** 2, axis=1)))
+                np.sqrt(
+                    np.mean(np.sum(without_rigid_motion(volume, points, errors) ** 2, axis=1))
+                )
             )
     raise AssertionError(
         f"the rig was told of {len(left)} of {len(points)} stops in {ATTEMPTS} attempts"
@@ -63,7 +65,9 @@ def driven_um(
     }
     return {
         number: (
-            machine.pose(np.array([seen[number].motor_mm]), direction=ways[number]).origin_mm[0]
+            machine.pose(np.array([seen[number].motor_mm]), direction=ways[number]).origin_mm[
+                0
+            ]
             - points[number]
         )
         * 1e3

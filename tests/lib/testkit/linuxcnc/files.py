@@ -49,7 +49,9 @@ def screw_files(result: Result, folder: Path) -> tuple[dict[str, bytes], lattice
         result, "linuxcnc", profile, out_dir=folder / "screw", accept=("sign-untested",)
     )
     comp = {
-        letter: (folder / "screw" / suffixed(f"screw_{letter.lower()}.comp", UNTESTED)).read_bytes()
+        letter: (
+            folder / "screw" / suffixed(f"screw_{letter.lower()}.comp", UNTESTED)
+        ).read_bytes()
         for letter in "XYZ"
     }
     axes = tuple(
@@ -58,7 +60,8 @@ def screw_files(result: Result, folder: Path) -> tuple[dict[str, bytes], lattice
     )
     corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     moved = total_correction_um(
-        [table for table in report.tables if table.kind == "matrixkins"], corners.reshape(-1, 3)
+        [table for table in report.tables if table.kind == "matrixkins"],
+        corners.reshape(-1, 3),
     )
     return comp, lattice.Lattice(axes_mm=axes, vectors_um=moved.reshape(corners.shape))
 

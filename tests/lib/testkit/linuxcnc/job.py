@@ -99,7 +99,9 @@ def surveyed(
         overrun_mm=5.0,
         handshake=True,
     )
-    box = Box(origin_mm=volume.origin_mm, size_mm=volume.size_mm, increments=volume.increments)
+    box = Box(
+        origin_mm=volume.origin_mm, size_mm=volume.size_mm, increments=volume.increments
+    )
     (own / "linuxcnc.toml").write_text(profile_text("kinematics", volume), encoding="utf-8")
     (own / "angles.csv").write_bytes((folder / "angles.csv").read_bytes())
     with Stand(control, machine, box, own, noise_um=NOISE_UM) as stand:
@@ -119,13 +121,17 @@ def surveyed(
         if active:
             (own / "lattice.csv").write_bytes(active)
         (own / "survey.toml").write_text(survey, encoding="utf-8")
-        programs = {program.setup: program.data for program in nc_programs(sequence, "linuxcnc")}
+        programs = {
+            program.setup: program.data for program in nc_programs(sequence, "linuxcnc")
+        }
         with daemon(own / "survey.toml") as log:
             for setup, program in programs.items():
                 drive(control, stand, setup, program)
             left_um = driven_rms_um(control, machine, within)
             for attempt in range(ATTEMPTS):
-                missing = still_missing(own / "control" / "0001", log, len(programs) + attempt)
+                missing = still_missing(
+                    own / "control" / "0001", log, len(programs) + attempt
+                )
                 if not missing:
                     return own / "control" / "0001", left_um
                 drive(control, stand, missing, programs[missing])

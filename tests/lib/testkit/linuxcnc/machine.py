@@ -11,7 +11,11 @@ from stepdiag.virtual.physics.machine import Machine
 DIAGONALS = ("ppp", "npp", "pnp", "ppn")
 BOX = Volume(origin_mm=(-200.0, -100.0, -160.0), size_mm=(384.0, 192.0, 168.0), increments=8)
 MACHINE_ERRORS = Amplitudes(
-    positioning_um=5.0, straightness_um=5.0, angle_urad=10.0, scale_um_m=60.0, squareness_urad=60.0
+    positioning_um=5.0,
+    straightness_um=5.0,
+    angle_urad=10.0,
+    scale_um_m=60.0,
+    squareness_urad=60.0,
 )
 LOST_MOTION_UM = 0.3
 U_ANGLE_URAD = 1.0
@@ -34,7 +38,8 @@ def angles_of(machine: Machine) -> str:
     rows = ["axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad"]
     for letter in "XYZ":
         seen = [
-            truth.errors[f"E{turn}{letter}"] + rng.normal(0.0, U_ANGLE_URAD, BOX.increments + 1)
+            truth.errors[f"E{turn}{letter}"]
+            + rng.normal(0.0, U_ANGLE_URAD, BOX.increments + 1)
             for turn in "ABC"
         ]
         for index, at in enumerate(truth.position_mm[letter]):

@@ -141,7 +141,9 @@ class Control:
                 timeout_s,
             )
             assert not self._failure, self._failure
-            assert ready, f"nothing like it within {timeout_s} s; the control says {self._state}"
+            assert ready, (
+                f"nothing like it within {timeout_s} s; the control says {self._state}"
+            )
             assert self._state is not None
             return self._state
 
@@ -296,7 +298,9 @@ def _configured(
         (folder / file.name).write_bytes(file.data)
     for name, data in kinematics.items():
         (folder / name).write_bytes(data)
-    line, halfiles = _kinematics_lines(folder) if kinematics else ("trivkins coordinates=XYZ", "")
+    line, halfiles = (
+        _kinematics_lines(folder) if kinematics else ("trivkins coordinates=XYZ", "")
+    )
     ini = INI.format(folder=folder, kinematics=line, halfiles=halfiles)
     for joint, axis in enumerate("XYZ"):
         ini += INI_AXIS.format(axis=axis, joint=joint, acceleration=acceleration)

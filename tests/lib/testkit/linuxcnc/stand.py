@@ -111,7 +111,9 @@ class Stand:
         )
         self.laser_port = str(line.link)
         self.plc_port = control.plc_port
-        self._laser = Talker(line, laser, LASER_CABLE, clock=clock, faults=faults, chunk_s=0.01)
+        self._laser = Talker(
+            line, laser, LASER_CABLE, clock=clock, faults=faults, chunk_s=0.01
+        )
 
     def __enter__(self) -> Self:
         self._laser.start()

@@ -69,15 +69,22 @@ def arrivals(
     straight way from ``before``: an axis that stands there already does not move.
     """
     moves = np.diff(driven.stop_mm, axis=0)
-    begins = driven.approach if before is None else _first_move(driven, before, overrun=overrun)
+    begins = (
+        driven.approach if before is None else _first_move(driven, before, overrun=overrun)
+    )
     moved = np.vstack(
-        [np.ones(3, dtype=np.bool_) if before is None else begins != 0.0, np.abs(moves) > _MOVED_MM]
+        [
+            np.ones(3, dtype=np.bool_) if before is None else begins != 0.0,
+            np.abs(moves) > _MOVED_MM,
+        ]
     )
     kept = before or Standing(driven.stop_mm[0], driven.approach, np.zeros(3), np.zeros(3))
     sides = np.vstack([begins, np.sign(moves)])
     return Arrivals(
         side=_held(sides, moved, kept.side),
-        arrival_um=_held(rng.normal(size=moved.shape) * scatter.arrival_um, moved, kept.arrival_um),
+        arrival_um=_held(
+            rng.normal(size=moved.shape) * scatter.arrival_um, moved, kept.arrival_um
+        ),
         servo_um=_held(rng.normal(size=moved.shape) * scatter.servo_um, moved, kept.servo_um),
     )
 
@@ -88,7 +95,9 @@ def _first_move(driven: DrivenPass, before: Standing, *, overrun: bool) -> Array
     """
     way = driven.stop_mm[0] - before.position_mm
     straight: Array = np.where(np.abs(way) > _MOVED_MM, np.sign(way), 0.0)
-    return np.where(driven.approach != 0.0, driven.approach, straight) if overrun else straight
+    return (
+        np.where(driven.approach != 0.0, driven.approach, straight) if overrun else straight
+    )
 
 
 def _held(

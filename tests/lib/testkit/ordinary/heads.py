@@ -55,7 +55,9 @@ def ordinary_head(seed: int, size: Imperfections | None = None) -> HeadOptics:
     )
 
 
-def stage_pose(distance_mm: float, shift_mm: Array, turn_urad: Array, stand: HeadStand) -> Pose:
+def stage_pose(
+    distance_mm: float, shift_mm: Array, turn_urad: Array, stand: HeadStand
+) -> Pose:
     """Return poses of a calibration stage on the beam: shifted (N, 2) and turned (N, 2) laterally,
     as a reference stage does it.
 

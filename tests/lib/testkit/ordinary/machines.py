@@ -211,7 +211,9 @@ def draw_machine(
     drawing it."""
     chosen = quality or QUALITIES[int(rng.choice(3, p=SHARES))]
     size_mm = _draw_size(rng, large=large)
-    feedback: Feedback = "screw" if rng.random() < FIGURES["screw_feedback"].of(chosen) else "scale"
+    feedback: Feedback = (
+        "screw" if rng.random() < FIGURES["screw_feedback"].of(chosen) else "scale"
+    )
     warm = bool(rng.random() < 0.5)
     machine = Machine(
         errors=_draw_errors(rng, chosen, feedback, size_mm),
@@ -222,7 +224,8 @@ def draw_machine(
     )
     low, high = REPEATABILITY_UM
     repeats = np.clip(
-        _spread(rng, "repeatability", chosen) * np.exp(rng.normal(scale=SPREAD_AMONG_AXES, size=3)),
+        _spread(rng, "repeatability", chosen)
+        * np.exp(rng.normal(scale=SPREAD_AMONG_AXES, size=3)),
         low,
         high,
     )
@@ -261,7 +264,14 @@ def _draw_errors(
     functions: dict[str, ErrorFunction] = {}
     size = {
         name: _spread(rng, name, quality)
-        for name in ("positioning", "straightness", "angle", "scale", "squareness", "reversal")
+        for name in (
+            "positioning",
+            "straightness",
+            "angle",
+            "scale",
+            "squareness",
+            "reversal",
+        )
     }
     for name in (*DISPLACEMENTS, *ROTATIONS):
         functions[name] = _draw_function(rng, name, size, size_mm[AXES.index(name[2])])
@@ -275,7 +285,9 @@ def _draw_errors(
         low_mm=low,
         size_mm=size_mm,
         functions=functions,
-        squareness_urad={name: float(rng.normal(scale=size["squareness"])) for name in SQUARENESS},
+        squareness_urad={
+            name: float(rng.normal(scale=size["squareness"])) for name in SQUARENESS
+        },
         reversal={
             f"E{letter}{letter}": Table((0.0,), (-float(lost[axis]),))
             for axis, letter in enumerate(AXES)
@@ -302,7 +314,9 @@ def _draw_function(
         )
     positioning = name[1] == name[2]
     peak_um = size["positioning" if positioning else "straightness"] * own * length_mm / 500.0
-    rise_um = float(rng.normal(scale=size["scale"])) * length_mm * 1e-3 if positioning else 0.0
+    rise_um = (
+        float(rng.normal(scale=size["scale"])) * length_mm * 1e-3 if positioning else 0.0
+    )
     return smooth(rng, 0.0, length_mm, peak_um, rise_um)
 
 
@@ -320,15 +334,26 @@ def _draw_periodic(
 
 
 def _draw_growth(
-    rng: np.random.Generator, quality: Quality, feedback: Feedback, size_mm: Three, *, warm: bool
+    rng: np.random.Generator,
+    quality: Quality,
+    feedback: Feedback,
+    size_mm: Three,
+    *,
+    warm: bool,
 ) -> Growth:
     """Draw the growth of the axes; the fixed bearing of each stands 50 to 150 mm beyond an end of
     the travel.
     """
     tau_s = FIRST_HOUR_S * float(np.exp(rng.normal(scale=SPREAD)))
-    per_500_mm = _spread(rng, "growth", quality) * (SCALE_GROWTH if feedback == "scale" else 1.0)
-    final = 2.0 * per_500_mm / -np.expm1(-FIRST_HOUR_S / tau_s) * rng.uniform(0.3, 1.0, size=3)
+    per_500_mm = _spread(rng, "growth", quality) * (
+        SCALE_GROWTH if feedback == "scale" else 1.0
+    )
+    final = (
+        2.0 * per_500_mm / -np.expm1(-FIRST_HOUR_S / tau_s) * rng.uniform(0.3, 1.0, size=3)
+    )
     beyond = rng.uniform(50.0, 150.0, size=3)
     bearing = np.where(rng.random(3) < 0.5, -beyond, np.array(size_mm) + beyond)
     begun_s = FIRST_HOUR_S * float(rng.uniform(1.0, 3.0) if warm else rng.uniform(0.0, 0.3))
-    return Growth(um_m=_three(final), bearing_mm=_three(bearing), tau_s=tau_s, begun_s=begun_s)
+    return Growth(
+        um_m=_three(final), bearing_mm=_three(bearing), tau_s=tau_s, begun_s=begun_s
+    )

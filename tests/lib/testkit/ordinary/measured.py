@@ -73,7 +73,9 @@ def simulate_pass(
         len(driven.stop_mm), dtype=np.float64
     )
     drawing = np.random.default_rng((taken.seed, 1))
-    came = arrivals(driven, taken.scatter, drawing, before=taken.before, overrun=taken.overrun)
+    came = arrivals(
+        driven, taken.scatter, drawing, before=taken.before, overrun=taken.overrun
+    )
     indicated = machine.indicated_mm(
         placed, driven.stop_mm + came.off_mm, direction=came.side, time_s=times
     )

@@ -196,11 +196,15 @@ def _grown(
 def _taken_passes(machine: Machine, shop: Shop) -> Iterator[_Taken]:
     rng = np.random.default_rng((shop.seed, 3))
     index, start_s = float(rng.normal(scale=shop.beam.index)), 0.0
-    before = Standing(np.array(shop.box.origin_mm), np.full(3, -1.0), np.zeros(3), np.zeros(3))
+    before = Standing(
+        np.array(shop.box.origin_mm), np.full(3, -1.0), np.zeros(3), np.zeros(3)
+    )
     for number, setup in enumerate(shop.setups):
         unseen_c = float(rng.normal(scale=shop.setup_c))
         stretch = _factor(index, shop, rng)
-        for each in _taken_setup(_warmer(machine, unseen_c), shop, setup, before, start_s, rng):
+        for each in _taken_setup(
+            _warmer(machine, unseen_c), shop, setup, before, start_s, rng
+        ):
             before, start_s = each.one.end, float(each.one.time_s[-1]) + shop.turn_s
             yield replace(
                 each,
@@ -264,7 +268,13 @@ def _taken_setup(
             count_mm[0], position_mm[0], time_s[0] = last
         origin_mm = float(count_mm[0]) if number == 1 or not shop.one_count else origin_mm
         yield _Taken(
-            one, count_mm - origin_mm, position_mm, time_s, 0 if shop.one_count else -1, turned, 0.0
+            one,
+            count_mm - origin_mm,
+            position_mm,
+            time_s,
+            0 if shop.one_count else -1,
+            turned,
+            0.0,
         )
         last, moved_um = (
             (float(count_mm[-1]), position_mm[-1], float(time_s[-1])),
@@ -282,7 +292,10 @@ def _alignment(shop: Shop, setup: str, rng: np.random.Generator) -> Alignment:
 
 
 def _tilt(largest_mrad: float, rng: np.random.Generator) -> tuple[float, float]:
-    size, turn = largest_mrad * float(np.sqrt(rng.random())), float(rng.uniform(0.0, 2.0 * np.pi))
+    size, turn = (
+        largest_mrad * float(np.sqrt(rng.random())),
+        float(rng.uniform(0.0, 2.0 * np.pi)),
+    )
     return size * float(np.cos(turn)), size * float(np.sin(turn))
 
 
@@ -296,7 +309,9 @@ def _drift_um(beam: Beam, count: int, rng: np.random.Generator) -> Array:
     return drifted
 
 
-ORDINARY_BEAM = Beam(drift_um=0.15, wander_um=0.1, index=2e-7, index_setup=1e-7, largest_mrad=1.0)
+ORDINARY_BEAM = Beam(
+    drift_um=0.15, wander_um=0.1, index=2e-7, index_setup=1e-7, largest_mrad=1.0
+)
 """Beam of an ordinary shop: drift, wander and air as the product's own table has them, tilts up to
 1 mrad (CHOSEN)."""
 NOISE_UM = (0.02, 0.5)

@@ -140,7 +140,10 @@ def driven(
         job = replace(
             job,
             assumed=replace(
-                job.assumed, repeatability_um=ARRIVAL_UM, drift_um=DRIFT_UM, wander_um=WANDER_UM
+                job.assumed,
+                repeatability_um=ARRIVAL_UM,
+                drift_um=DRIFT_UM,
+                wander_um=WANDER_UM,
             ),
         )
     points = anywhere_mm(VOLUME)
@@ -170,7 +173,9 @@ def within(range_urad: float, minutes: float) -> Plan:
 def with_lines(range_urad: float, lines: int) -> Plan:
     """Return what the planner proposes for so many alignments, each as dear as the others."""
     dear = Pace(
-        diagonal_setup_min=ALIGNING_MIN, linear_setup_min=ALIGNING_MIN, beam_shift_min=ALIGNING_MIN
+        diagonal_setup_min=ALIGNING_MIN,
+        linear_setup_min=ALIGNING_MIN,
+        beam_shift_min=ALIGNING_MIN,
     )
     return _found(
         Search(replace(EMPTY, pace=dear), about(range_urad)), (lines + 0.9) * ALIGNING_MIN
@@ -210,12 +215,15 @@ def table(machines: int) -> None:
         found = driven(survey, size, machines, seed=900)
         minutes = plan_minutes(replace(survey, pace=Pace(dwell_s=survey.pace.dwell_s)))
         left = f"{found.rms_um:.2f} | {found.forecast_um:.2f} | {most:g}"
-        print(f"| {name} | {size:g} | {len(survey.runs)} | {minutes:.0f} | {left} |", flush=True)
+        print(
+            f"| {name} | {size:g} | {len(survey.runs)} | {minutes:.0f} | {left} |", flush=True
+        )
     for back in (False, True):
         survey = replace(
             EMPTY,
             runs=tuple(
-                Run(setup=name, return_pass=back) for name in ("ppp", "npp", "pnp", *LINEAR_RUNS)
+                Run(setup=name, return_pass=back)
+                for name in ("ppp", "npp", "pnp", *LINEAR_RUNS)
             ),
         )
         found = driven(survey, 15.0, 2 * machines, seed=700, scatters=True)

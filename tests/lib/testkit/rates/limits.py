@@ -27,7 +27,9 @@ def volumes_at_their_limit(machines: int) -> tuple[float, float]:
         10.0,
         np.linspace(0, np.pi, VOLUME.increments + 1),
     )
-    shapes = {name: np.array([np.sin((k + 1) * nodes) for k in range(2)]) for name in DISPLACEMENTS}
+    shapes = {
+        name: np.array([np.sin((k + 1) * nodes) for k in range(2)]) for name in DISPLACEMENTS
+    }
     mixed = {name: rng.normal(0, 0.45, (8, 2)) @ shape for name, shape in shapes.items()}
     axes = [
         VOLUME.nodes_mm(index)[[0, 1, 3]] for index in range(3)
@@ -36,7 +38,9 @@ def volumes_at_their_limit(machines: int) -> tuple[float, float]:
     accepted = refused = 0
     for _ in range(machines):
         drawn = {name: rng.normal(0, 3.0, 2) @ shape for name, shape in shapes.items()}
-        field = without_rigid_motion(VOLUME, points, error_field_um(made_result(drawn), points))
+        field = without_rigid_motion(
+            VOLUME, points, error_field_um(made_result(drawn), points)
+        )
         times = tolerance / (rms(field) * np.sqrt(3.0))
         z = rng.standard_normal(8)
         result = made_result(
@@ -46,7 +50,9 @@ def volumes_at_their_limit(machines: int) -> tuple[float, float]:
             result, posterior=posterior_of(mixed), tolerance={"volumetric_rms_um": tolerance}
         )
         found = (
-            predicted(known, points, np.zeros_like(points)).without_rigid_motion["before"].rms_um
+            predicted(known, points, np.zeros_like(points))
+            .without_rigid_motion["before"]
+            .rms_um
         )
         verdict = verdict_of(found.low_um, found.high_um, tolerance)
         assert found.within is not None

@@ -18,7 +18,9 @@ from stepdiag.solver.planning.sequel import Sequel, sequel
 from stepdiag.virtual.physics.machine import Machine
 from testkit.rates.designs import EMPTY, VOLUME, about, drive, machine_of
 
-SEVEN = replace(EMPTY, runs=tuple(Run(setup=name) for name in (*BODY_DIAGONALS, *LINEAR_RUNS)))
+SEVEN = replace(
+    EMPTY, runs=tuple(Run(setup=name) for name in (*BODY_DIAGONALS, *LINEAR_RUNS))
+)
 ASSUMED_URAD, RANGE_URAD = 15.0, (5.0, 50.0)
 MOST_SETUPS = 24
 
@@ -56,12 +58,16 @@ def driven_to_its_end(number: int) -> Ended:
     now_um, then_um = (
         _left_um(_of(further, names), machine, number) for names in (done, everything)
     )
-    return Ended(angles_urad=size, setups=len(done), stated=ahead, now_um=now_um, then_um=then_um)
+    return Ended(
+        angles_urad=size, setups=len(done), stated=ahead, now_um=now_um, then_um=then_um
+    )
 
 
 def _with(plan: Plan, runs: tuple[Run, ...]) -> Plan:
     planned = {run.setup for run in plan.runs}
-    return replace(plan, runs=(*plan.runs, *(run for run in runs if run.setup not in planned)))
+    return replace(
+        plan, runs=(*plan.runs, *(run for run in runs if run.setup not in planned))
+    )
 
 
 def _of(plan: Plan, names: list[str]) -> Plan:
@@ -71,7 +77,9 @@ def _of(plan: Plan, names: list[str]) -> Plan:
 def _left_um(plan: Plan, machine: Machine, seed: int) -> float:
     points, job = anywhere_mm(VOLUME), about(ASSUMED_URAD)
     result = solve(
-        drive(plan, machine, np.random.default_rng(seed)), chain=job.chain, assumed=job.assumed
+        drive(plan, machine, np.random.default_rng(seed)),
+        chain=job.chain,
+        assumed=job.assumed,
     )
     error = machine.error_at(points) - error_field_um(result, points)
     return rms(np.linalg.norm(without_rigid_motion(VOLUME, points, error), axis=1))

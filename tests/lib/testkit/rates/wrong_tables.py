@@ -67,7 +67,10 @@ class Counted:
 
 def surveys(seed: int) -> tuple[Result, Result]:
     """Return two surveys of one drawn machine."""
-    dice, along = np.random.default_rng((42, seed)), np.linspace(0.0, 1.0, VOLUME.increments + 1)
+    dice, along = (
+        np.random.default_rng((42, seed)),
+        np.linspace(0.0, 1.0, VOLUME.increments + 1),
+    )
     truth = {
         name: np.zeros(along.shape)
         + SIZE_UM * sum(dice.normal() / k * np.sin(np.pi * k * along) for k in (1, 2, 3, 4))
@@ -115,7 +118,9 @@ def judged(result: Result, tables: Sequence[Table]) -> dict[str, str]:
     }
 
 
-def mutants(result: Result, tables: Sequence[Table]) -> Iterator[tuple[str, str, list[Table]]]:
+def mutants(
+    result: Result, tables: Sequence[Table]
+) -> Iterator[tuple[str, str, list[Table]]]:
     """Yield kind, function, and the set of tables with one that is wrong."""
     errors = {curve.name: curve for curve in fitted(result).curves}
     for index, table in enumerate(tables):

@@ -65,11 +65,15 @@ COMMON = {
 def cases() -> dict[str, Callable[[], Any]]:
     """Return the fields by their section."""
     found: dict[str, Callable[[], Any]] = {
-        f"common-{name}": lambda name=name, fields=fields: _fields("siemens", name, sorted(fields))
+        f"common-{name}": lambda name=name, fields=fields: _fields(
+            "siemens", name, sorted(fields)
+        )
         for name, fields in COMMON.items()
     }
     for control in SECTIONS:
-        fields = [field.name for field in msgspec.structs.fields(controller_named(control).options)]
+        fields = [
+            field.name for field in msgspec.structs.fields(controller_named(control).options)
+        ]
         if fields:
             found[f"section-{control}"] = lambda control=control, fields=fields: _fields(
                 control, control, fields
@@ -125,8 +129,12 @@ def _with(text: str, section: str, field: str, value: str) -> str:
     start = lines.index(f"[{section}]") if f"[{section}]" in lines else len(lines)
     if start == len(lines):
         lines.append(f"[{section}]")
-    end = next((n for n in range(start + 1, len(lines)) if lines[n].startswith("[")), len(lines))
-    kept = [line for line in lines[start + 1 : end] if line.partition("=")[0].strip() != field]
+    end = next(
+        (n for n in range(start + 1, len(lines)) if lines[n].startswith("[")), len(lines)
+    )
+    kept = [
+        line for line in lines[start + 1 : end] if line.partition("=")[0].strip() != field
+    ]
     return "\n".join([*lines[: start + 1], *kept, f"{field} = {value}", *lines[end:]]) + "\n"
 
 
@@ -159,7 +167,9 @@ def _whole() -> Any:
         + '[[sign_test]]\nkind = "eec"\ndate = "soon"\nverdict = "as-error"\n',
         "files not given": base.replace("existing = []", 'existing = ["a.ini", "b.ini"]'),
         "on without files": base.replace('"off"', '"on"'),
-        "only X and Z": base.replace("[axes.Y]", "[axes.Z]\n#").partition("[axes.Z]\nname")[0],
+        "only X and Z": base.replace("[axes.Y]", "[axes.Z]\n#").partition("[axes.Z]\nname")[
+            0
+        ],
     }
     found: dict[str, Any] = {
         name: plain.attempted(
@@ -169,12 +179,15 @@ def _whole() -> Any:
         )
         for name, text in texts.items()
     }
-    found["without a volume"] = plain.attempted(lambda: _said(profile_of("siemens", volume=None)))
+    found["without a volume"] = plain.attempted(
+        lambda: _said(profile_of("siemens", volume=None))
+    )
     found["with files"] = plain.attempted(
         lambda: _said(profile_of("siemens", files={"A/b.ini": b"x", "c.ini": b"y"}))
     )
     found["quick"] = {
-        name: _said(quick_profile(control, VOLUME, 25.0)) for name, control in CONTROLLERS.items()
+        name: _said(quick_profile(control, VOLUME, 25.0))
+        for name, control in CONTROLLERS.items()
     }
     found["options of another"] = plain.attempted(
         lambda: profile_of("siemens").options_as(controller_named("fanuc").options)
@@ -229,7 +242,9 @@ def _grids() -> Any:
                 *profile.grid_mm("X")[[0, 1, -1]].tolist(),
             ]
         )
-    found["no ends"] = plain.attempted(lambda: profile_of("siemens", volume=None).grid_mm("Y"))
+    found["no ends"] = plain.attempted(
+        lambda: profile_of("siemens", volume=None).grid_mm("Y")
+    )
     return found
 
 

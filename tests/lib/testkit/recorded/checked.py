@@ -59,7 +59,9 @@ def table_of(
 ) -> Table:
     """Return a table by its values."""
     times = (
-        Multiplier(axis=lever, position_mm=np.array([-150.0, 30.0]), value=np.array([-1.0, 1.0]))
+        Multiplier(
+            axis=lever, position_mm=np.array([-150.0, 30.0]), value=np.array([-1.0, 1.0])
+        )
         if lever
         else None
     )
@@ -104,14 +106,18 @@ class Own:
 
 def limited(profile: Profile, **limits: Any) -> Profile:
     return replace(
-        profile, limits=msgspec.structs.replace(profile.limits, **{"slope_um_mm": None, **limits})
+        profile,
+        limits=msgspec.structs.replace(profile.limits, **{"slope_um_mm": None, **limits}),
     )
 
 
 def with_axis(profile: Profile, letter: str = "X", **changes: Any) -> Profile:
     return replace(
         profile,
-        axes={**profile.axes, letter: msgspec.structs.replace(profile.axes[letter], **changes)},
+        axes={
+            **profile.axes,
+            letter: msgspec.structs.replace(profile.axes[letter], **changes),
+        },
     )
 
 
@@ -129,7 +135,9 @@ def checked(
     """Return what the checks find; as a ``whole`` what the remarks say, and the kinds that were not
     tried."""
     profile = profile or limited(profile_of("siemens"))
-    controller = controller_named(control) if own is None else Own(controller_named(control), own)
+    controller = (
+        controller_named(control) if own is None else Own(controller_named(control), own)
+    )
     case = Case(
         controller=controller,
         profile=profile,
@@ -211,13 +219,16 @@ def _values() -> Any:
         profile=profile,
     )
     found["together"] = checked(
-        [table_of((0, 0, 30, 0)), table_of((0, 0, 10, 0), kind="cec", table=4)], profile=profile
+        [table_of((0, 0, 30, 0)), table_of((0, 0, 10, 0), kind="cec", table=4)],
+        profile=profile,
     )
     found["against each other"] = checked(
-        [table_of((0, 0, 66, 0)), table_of((0, 0, -10, 0), kind="cec", table=4)], profile=profile
+        [table_of((0, 0, 66, 0)), table_of((0, 0, -10, 0), kind="cec", table=4)],
+        profile=profile,
     )
     found["incremental"] = checked(
-        [table_of((0, 20, 20, 0), law=Law(sense="as-error", data="incremental"))], profile=profile
+        [table_of((0, 20, 20, 0), law=Law(sense="as-error", data="incremental"))],
+        profile=profile,
     )
     found["product"] = checked([table_of((0, 0, 40, 0), lever="Z", table=1)], profile=profile)
     return found
@@ -263,7 +274,9 @@ def _slope() -> Any:
         f"{um:g} µm in 100 mm": checked([table_of((0, 0, um, um))], profile=profile)
         for um in (19, 20, 21, -20, -21)
     }
-    steep = limited(profile_of("siemens"), slope_um_mm=0.5, value_um=900.0, warn_value_um=900.0)
+    steep = limited(
+        profile_of("siemens"), slope_um_mm=0.5, value_um=900.0, warn_value_um=900.0
+    )
     found |= {
         f"{um:g} µm in 100 mm, to 0.5": checked([table_of((0, um, um, um))], profile=steep)
         for um in (49, 50, 51)
@@ -275,14 +288,18 @@ def _slope() -> Any:
             [table_of((0, um, um, um))], profile=profile, own=replace(none, neighbour_um=25.0)
         )
         found[f"{um:g} µm to the next, a 4th of a mm"] = checked(
-            [table_of((0, um, um, um))], profile=profile, own=replace(none, neighbour_um_mm=0.25)
+            [table_of((0, um, um, um))],
+            profile=profile,
+            own=replace(none, neighbour_um_mm=0.25),
         )
     both = replace(none, neighbour_um=30.0, neighbour_um_mm=0.25)
     found["the narrower"] = checked([table_of((0, 0, 0, 27))], profile=profile, own=both)
     found["the wider"] = checked(
         [table_of((0, 28, 28, 28), at=(-200, -40, 0, 100))], profile=profile, own=both
     )
-    found["unequal"] = checked([table_of((0, 5, 5, 5), at=(-200, -190, 0, 100))], profile=profile)
+    found["unequal"] = checked(
+        [table_of((0, 5, 5, 5), at=(-200, -190, 0, 100))], profile=profile
+    )
     return found
 
 
@@ -301,7 +318,9 @@ def _points() -> Any:
     )
     three = [table_of((0, 1, 2, 0), "EYX", kind="cec", table=number) for number in range(3)]
     for held in (2, 3, 4):
-        found[f"3 tables of {held}"] = checked(three, profile=profile, own=Limits(tables=held))
+        found[f"3 tables of {held}"] = checked(
+            three, profile=profile, own=Limits(tables=held)
+        )
     for number in (2, 3, 4):
         found[f"number {number} of 4"] = checked(
             [table_of((0, 1, 2, 0), "EYX", kind="cec", table=number)],
@@ -327,11 +346,15 @@ def _reference() -> Any:
             found[f"{um:g} µm, {wanted:g} wanted"] = checked(
                 [table_of((um, 1, 2, 0))], profile=profile, own=Limits(reference_um=wanted)
             )
-    found["extended"] = checked([table_of((5, 1), at=(-200, 100), law=EXTENDED)], profile=profile)
+    found["extended"] = checked(
+        [table_of((5, 1), at=(-200, 100), law=EXTENDED)], profile=profile
+    )
     found["- direction"] = checked([table_of((5, 1, 2, 0), direction=-1)], profile=profile)
     found["+ direction"] = checked([table_of((5, 1, 2, 0), direction=1)], profile=profile)
     found["product"] = checked([table_of((5, 1, 2, 0), lever="Z")], profile=profile)
-    found["in the middle"] = checked([table_of((5, 1, 3, 0), reference=-50.0)], profile=profile)
+    found["in the middle"] = checked(
+        [table_of((5, 1, 3, 0), reference=-50.0)], profile=profile
+    )
     return found
 
 
@@ -350,7 +373,9 @@ def _travel() -> Any:
             [table_of((2, 1, 2, 3.5))], profile=with_axis(profile, travel_mm=travel)
         )
     wide = with_axis(profile, travel_mm=(-300.0, 300.0))
-    found["extended"] = checked([table_of((0, 1), at=(-200, 100), law=EXTENDED)], profile=wide)
+    found["extended"] = checked(
+        [table_of((0, 1), at=(-200, 100), law=EXTENDED)], profile=wide
+    )
     found["empty"] = checked([table_of((0, 0, 0, 0))], profile=wide)
     found["unknown"] = checked([table_of((2, 1, 2, 3.5))], profile=profile)
     return found
@@ -378,7 +403,9 @@ def _units() -> Any:
             "fagor",
         )
     }
-    twice = with_axis(with_axis(limited(profile_of("siemens")), "Y", name="X1"), "Z", name="X1")
+    twice = with_axis(
+        with_axis(limited(profile_of("siemens")), "Y", name="X1"), "Z", name="X1"
+    )
     return {"inch": inch, "one name": checked(tables, profile=twice)}
 
 
@@ -441,10 +468,17 @@ def _quality() -> Any:
 
 def _sign() -> Any:
     profile = limited(profile_of("siemens"))
-    tables = [table_of((0, 1, 2, 0)), table_of((0, 1, 2, 0), "EYX", kind="cec", law=COMPENSATION)]
+    tables = [
+        table_of((0, 1, 2, 0)),
+        table_of((0, 1, 2, 0), "EYX", kind="cec", law=COMPENSATION),
+    ]
 
     def of(*records: tuple[str, date, str]) -> list[str]:
-        about = {"machine": profile.machine.name, "control": "siemens", "measuring_system": "1"}
+        about = {
+            "machine": profile.machine.name,
+            "control": "siemens",
+            "measuring_system": "1",
+        }
         files = {"bump_sha256": ["b" * 64], "runs_sha256": ["a" * 64]}
         tests = tuple(
             SignTestRecord(kind=kind, date=day, verdict=verdict, **about, **files)
@@ -466,7 +500,11 @@ def _sign() -> Any:
     )
     found["of another kind"] = of(("cec-product", date(2026, 5, 1), "as-compensation"))
     found["neutral"] = checked(
-        tables, control="neutral", profile=limited(profile_of("neutral")), own=Limits(), whole=True
+        tables,
+        control="neutral",
+        profile=limited(profile_of("neutral")),
+        own=Limits(),
+        whole=True,
     )
     return found
 
@@ -480,7 +518,8 @@ def _round_trip() -> Any:
     found: dict[str, Any] = {"the same": of(*planned), "nothing": of(), "one": of(planned[1])}
     for um in (0.25, 0.5, 0.75, -0.5, -0.75, 7):
         found[f"off by {um:g}"] = of(
-            replace(planned[0], value_um=planned[0].value_um + np.array([0, um, 0, 0])), planned[1]
+            replace(planned[0], value_um=planned[0].value_um + np.array([0, um, 0, 0])),
+            planned[1],
         )
     found["in two"] = of(table_of((0, 0.5, 1, 0)), table_of((0, 0.5, 1, 0)), planned[1])
     found["of another kind"] = of(replace(planned[0], kind="cec"), planned[1])
@@ -577,7 +616,9 @@ def _gate() -> Any:
             previous=(),
             today=TODAY,
         )
-        return [said(item) for item in gate_findings(case, read, Standing(after=read, new=read))]
+        return [
+            said(item) for item in gate_findings(case, read, Standing(after=read, new=read))
+        ]
 
     right = table_of((-3.3, 0, 3.8, 8.5), quantum=0.1, reference=-100.0)
     found: dict[str, Any] = {
@@ -598,16 +639,24 @@ def _gate() -> Any:
     found["empty, beyond the travel"] = of(
         replace(right, value_um=0.0 * right.value_um), travel=(-10.0, 10.0)
     )
-    found["extended, beyond the travel"] = of(replace(right, law=EXTENDED), travel=(-10.0, 10.0))
-    found["beyond limits"] = of(right, limits={"value_um": 8.0, "points": 3, "slope_um_mm": 0.01})
+    found["extended, beyond the travel"] = of(
+        replace(right, law=EXTENDED), travel=(-10.0, 10.0)
+    )
+    found["beyond limits"] = of(
+        right, limits={"value_um": 8.0, "points": 3, "slope_um_mm": 0.01}
+    )
     return found
 
 
 def _standing() -> Any:
     profile = limited(profile_of("siemens"))
     off = profile
-    on = replace(profile, machine=msgspec.structs.replace(profile.machine, measured_with="on"))
-    few = replace(profile, machine=msgspec.structs.replace(profile.machine, functions=["EXX"]))
+    on = replace(
+        profile, machine=msgspec.structs.replace(profile.machine, measured_with="on")
+    )
+    few = replace(
+        profile, machine=msgspec.structs.replace(profile.machine, functions=["EXX"])
+    )
     exx, old, eyx = (
         table_of((0, 4, 2, 0)),
         table_of((0, 9, 2, 6), axis="old"),
@@ -619,7 +668,11 @@ def _standing() -> Any:
         "replaced": ((old,), (exx,), (exx,)),
         "left active": ((old,), (old, exx), (exx,)),
         "left, of another": ((eyx,), (eyx, exx), (exx,)),
-        "partly overwritten": ((eyx,), (replace(eyx, value_um=eyx.value_um + 1), exx), (exx,)),
+        "partly overwritten": (
+            (eyx,),
+            (replace(eyx, value_um=eyx.value_um + 1), exx),
+            (exx,),
+        ),
         "foreign": ((), (eyx, exx), (exx,)),
         "lost": ((eyx,), (exx,), (exx,)),
         "lost, empty": ((replace(eyx, value_um=0 * eyx.value_um),), (exx,), (exx,)),
@@ -646,7 +699,8 @@ def _standing() -> Any:
             (product,),
             (
                 replace(
-                    product, multiplier=replace(product.multiplier, value=np.array([-1.0, 0.5]))
+                    product,
+                    multiplier=replace(product.multiplier, value=np.array([-1.0, 0.5])),
                 ),
                 exx,
             ),
@@ -686,7 +740,9 @@ def _standing() -> Any:
 
 
 def _lost_in_field() -> Any:
-    unsquare = replace(PLAIN, squareness={**PLAIN.squareness, "C0Y": Quantity(value=None, u=None)})
+    unsquare = replace(
+        PLAIN, squareness={**PLAIN.squareness, "C0Y": Quantity(value=None, u=None)}
+    )
     results = {
         "plain": PLAIN,
         "shape": result_of(shape_only=("EXX", "EZZ")),
@@ -728,7 +784,9 @@ def _remarks() -> Any:
             said(item)
             for item in backlash_offered(replace(PLAIN, **known), "X", ends_backlash=False)
         ]
-    found["no numbers"] = [said(item) for item in backlash_offered(PLAIN, "X", ends_backlash=False)]
+    found["no numbers"] = [
+        said(item) for item in backlash_offered(PLAIN, "X", ends_backlash=False)
+    ]
     grid, at = np.array([0.0, 10.0, 20.0]), np.array([-5.0, 0.0, 5.0, 10.0, 15.0, 20.0, 25.0])
     found["missed"] = [
         missed_um(grid, at, np.array(um, dtype=float))
@@ -751,10 +809,14 @@ def _remarks() -> Any:
         Finding(code="i", severity="info", text="text"),
     )
     found["runs and data"] = checked(
-        [table_of((0, 1, 2, 0))], result=replace(PLAIN, setups=driven, findings=warned), whole=True
+        [table_of((0, 1, 2, 0))],
+        result=replace(PLAIN, setups=driven, findings=warned),
+        whole=True,
     )
     found["with files"] = checked(
-        [table_of((0, 1, 2, 0))], profile=profile_of("siemens", files=own_of("siemens")), whole=True
+        [table_of((0, 1, 2, 0))],
+        profile=profile_of("siemens", files=own_of("siemens")),
+        whole=True,
     )
     both = limited(
         replace(
@@ -762,7 +824,9 @@ def _remarks() -> Any:
             machine=msgspec.structs.replace(profile_of("siemens").machine, direction="both"),
         )
     )
-    turned = replace(curve_of("EXX", (0, 1, 2, 0), 0.5), reverse_um=np.array([0.0, 0.0, 1.0, 1.0]))
+    turned = replace(
+        curve_of("EXX", (0, 1, 2, 0), 0.5), reverse_um=np.array([0.0, 0.0, 1.0, 1.0])
+    )
     for name, own in (("mean", limited(profile_of("siemens"))), ("both", both)):
         for which, curve in (
             ("turned", turned),
@@ -776,7 +840,10 @@ def _remarks() -> Any:
                 )
     found["shape alone"] = checked(
         [table_of((0, 1, 2, 0))],
-        curves=[replace(turned, slope_known=False), replace(turned, name="EYY", slope_known=False)],
+        curves=[
+            replace(turned, slope_known=False),
+            replace(turned, name="EYY", slope_known=False),
+        ],
         whole=True,
     )
     return found
@@ -793,7 +860,12 @@ def _laws() -> Any:
                     law = Law(sense=sense, data=data, between=between, ends=ends)
                     one = replace(
                         table_of(
-                            (0, 4, -2, 6), law=law, reference=-100.0, direction=1, file="f", table=3
+                            (0, 4, -2, 6),
+                            law=law,
+                            reference=-100.0,
+                            direction=1,
+                            file="f",
+                            table=3,
                         ),
                         offset_um=1.5,
                     )
@@ -803,7 +875,9 @@ def _laws() -> Any:
                         one.absolute_um.tolist(),
                         *_moved(one, at),
                     ]
-    lever = Multiplier(axis="Z", position_mm=np.array([-150.0, 30.0]), value=np.array([-0.5, 1.0]))
+    lever = Multiplier(
+        axis="Z", position_mm=np.array([-150.0, 30.0]), value=np.array([-0.5, 1.0])
+    )
     found["multipliers"] = [
         [each.at(at).tolist(), each.is_straight, list(each.line)]
         for each in (
@@ -811,7 +885,9 @@ def _laws() -> Any:
             replace(lever, ends="extended"),
             replace(lever, value=np.array([1.0, 1.0])),
             Multiplier(
-                axis="Z", position_mm=np.array([0.0, 1.0, 4.0]), value=np.array([0.0, 1.0, 2.0])
+                axis="Z",
+                position_mm=np.array([0.0, 1.0, 4.0]),
+                value=np.array([0.0, 1.0, 2.0]),
             ),
         )
     ]

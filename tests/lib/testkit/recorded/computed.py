@@ -43,7 +43,10 @@ def _curve(one: Curve) -> Any:
     return [
         list(one.parts),
         one.slope_known,
-        *(_numbers(each) for each in (one.position_mm, one.forward_um, one.reverse_um, one.u_um)),
+        *(
+            _numbers(each)
+            for each in (one.position_mm, one.forward_um, one.reverse_um, one.u_um)
+        ),
         fit.straight_line_um_mm(one),
     ]
 
@@ -53,7 +56,8 @@ def _numbers(values: Any) -> Any:
         None
         if values is None
         else [
-            float(f"{value:.10g}") + 0.0 if np.isfinite(value) else str(value) for value in values
+            float(f"{value:.10g}") + 0.0 if np.isfinite(value) else str(value)
+            for value in values
         ]
     )
 
@@ -115,7 +119,9 @@ def cases() -> dict[str, Callable[[], Any]]:
 def _fits() -> Any:
     names = ("EXX", "EYX", "EXY", "EZY", "EXZ")
     found: dict[str, Any] = {
-        chain: _fitted(result_of(angles=ANGLES, chain=chain), *(names if chain != "FXYZ" else ()))
+        chain: _fitted(
+            result_of(angles=ANGLES, chain=chain), *(names if chain != "FXYZ" else ())
+        )
         for chain in CHAINS
     }
     found["uneven"] = _fitted(uneven())
@@ -137,7 +143,9 @@ def _fits() -> Any:
         found[f"zone {ends}"] = _fitted(PLAIN, "EXX", zone={"X": ends})
     at, times = (
         np.array([-200.0, -50.0, 100.0]),
-        Multiplier(axis="Z", position_mm=np.array([-150.0, 30.0]), value=np.array([-1.0, 1.0])),
+        Multiplier(
+            axis="Z", position_mm=np.array([-150.0, 30.0]), value=np.array([-1.0, 1.0])
+        ),
     )
     active = Table(
         kind="cec-product",
@@ -158,7 +166,10 @@ def _fits() -> Any:
             "active, its lever turned",
             replace(active, multiplier=replace(times, value=np.array([1.0, -0.5]))),
         ),
-        ("active, bent", replace(active, multiplier=replace(times, position_mm=three, value=bent))),
+        (
+            "active, bent",
+            replace(active, multiplier=replace(times, position_mm=three, value=bent)),
+        ),
         (
             "active, constant",
             replace(active, multiplier=replace(times, value=np.array([1.0, 1.0]))),
@@ -239,7 +250,8 @@ def _sampled() -> Any:
                     *(_numbers(each) for each in sampled_um(one, profile)),
                 ]
     found["quantised"] = [
-        str(value) for value in quantised(np.array([-0.04, 0.04, 0.06, -0.06, 1.24, -7.77]), 0.25)
+        str(value)
+        for value in quantised(np.array([-0.04, 0.04, 0.06, -0.06, 1.24, -7.77]), 0.25)
     ]
     return found
 
@@ -249,7 +261,9 @@ def _columns() -> Any:
     those that do not."""
     found: dict[str, Any] = {}
     profile = profile_of(
-        "beckhoff", steps={"X": 75.0, "Y": 80.0, "Z": 90.0}, axis={"X": "reference_mm = -125.0"}
+        "beckhoff",
+        steps={"X": 75.0, "Y": 80.0, "Z": 90.0},
+        axis={"X": "reference_mm = -125.0"},
     )
     for chain in ("FXYZ", "XYFZ", "ZYXF"):
         for own in (False, True):
@@ -283,7 +297,9 @@ def _columns() -> Any:
                     for one in columns.angles
                 },
                 "curves": {
-                    one.name: [_numbers(each) for each in (one.position_mm, one.mean_um, one.u_um)]
+                    one.name: [
+                        _numbers(each) for each in (one.position_mm, one.mean_um, one.u_um)
+                    ]
                     for one in columns.curves
                 },
                 "tables": {
@@ -310,11 +326,15 @@ def _columns() -> Any:
             lambda curves=curves, levers=levers: [
                 [
                     one.name
-                    for one in angular.columns_of(curves, made.products, levers, profile).curves
+                    for one in angular.columns_of(
+                        curves, made.products, levers, profile
+                    ).curves
                 ],
                 [
                     one.name
-                    for one in angular.columns_of(curves, made.products, levers, profile).angles
+                    for one in angular.columns_of(
+                        curves, made.products, levers, profile
+                    ).angles
                 ],
             ]
         )
@@ -322,7 +342,9 @@ def _columns() -> Any:
     for chain in ("FXYZ", "XFYZ"):
         found[f"required {chain}"] = [
             plain.attempted(
-                lambda chain=chain, own=own: angular.require_chain(result_of(chain=chain), own)
+                lambda chain=chain, own=own: angular.require_chain(
+                    result_of(chain=chain), own
+                )
             )
             for own in (chained, profile)
         ]
@@ -340,13 +362,19 @@ def _lattices() -> Any:
             [10.0, 290.0, -1.0],
         ]
     )
-    axes = (np.array([-250.0, -50.0, 150.0]), np.array([40.0, 300.0]), np.array([-150.0, 0.0]))
+    axes = (
+        np.array([-250.0, -50.0, 150.0]),
+        np.array([40.0, 300.0]),
+        np.array([-150.0, 0.0]),
+    )
     found: dict[str, Any] = {
         "whole": [[len(axis), float(axis[0]), float(axis[-1])] for axis in held.axes_mm],
         "corners": held.vectors_um[::5, ::4, ::3].reshape(-1).tolist(),
         "between": held.correction_um(points).tolist(),
         "on other axes": lattice.lattice_on(LEANING, axes).vectors_um.reshape(-1).tolist(),
-        "over an active one": lattice.lattice_on(PLAIN, axes, held).vectors_um.reshape(-1).tolist(),
+        "over an active one": lattice.lattice_on(PLAIN, axes, held)
+        .vectors_um.reshape(-1)
+        .tolist(),
     }
     for step in (60.0, 45.0, 120.0, 240.0, 300.0, 700.0, 59.9999999999, 59.99999, 0.5, 1e-9):
         found[f"step {step}"] = plain.attempted(
@@ -380,7 +408,9 @@ def _laws() -> Any:
         law=Law(sense="as-error"),
         reference_mm=-100.0,
     )
-    times = Multiplier(axis="Z", position_mm=np.array([-100.0, 50.0]), value=np.array([-0.5, 1.0]))
+    times = Multiplier(
+        axis="Z", position_mm=np.array([-100.0, 50.0]), value=np.array([-0.5, 1.0])
+    )
     tables = {
         "plain": one,
         "+": replace(one, direction=1, input_axis="Z", output_axis="X"),

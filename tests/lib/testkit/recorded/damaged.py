@@ -59,7 +59,10 @@ def damages(text: str) -> Iterator[tuple[str, str]]:
 
         yield f"{at} left out", with_line()
         yield f"{at} twice", with_line(line, line)
-        yield f"{at} with a word more", with_line(f"{line.rstrip()} 7x{line[len(line.rstrip()) :]}")
+        yield (
+            f"{at} with a word more",
+            with_line(f"{line.rstrip()} 7x{line[len(line.rstrip()) :]}"),
+        )
         yield f"{at} cut", with_line(line.rstrip()[:-2] + line[len(line.rstrip()) :])
         for n, match in enumerate(list(_NUMBER.finditer(line))[:_MOST_NUMBERS]):
             for new in (_other(match.group()), "-" + match.group().lstrip("+-"), "0", "q")[
@@ -104,7 +107,9 @@ def told(tables: Sequence[Table], whole: Sequence[Table]) -> Any:
     changed: dict[str, Any] = {f"no {label}": True for label in known if label not in found}
     for label, one in found.items():
         if label not in known:
-            changed[f"new {label}"] = {key: value for key, value in one.items() if key != "label"}
+            changed[f"new {label}"] = {
+                key: value for key, value in one.items() if key != "label"
+            }
         elif one != known[label]:
             changed[label] = {
                 key: _changes(value, known[label].get(key))
@@ -161,7 +166,11 @@ def cases() -> dict[str, Callable[[], Any]]:
     return {
         "siemens": _case("siemens", PLAIN, machine=small),
         "siemens-both": _case(
-            "siemens", TURNING, machine=f"{small}\n{BOTH}", axes="backlash_um = 0.0", only="NC_CEC"
+            "siemens",
+            TURNING,
+            machine=f"{small}\n{BOTH}",
+            axes="backlash_um = 0.0",
+            only="NC_CEC",
         ),
         "siemens-products": _case(
             "siemens",
@@ -199,7 +208,9 @@ def cases() -> dict[str, Callable[[], Any]]:
             machine=f'functions = ["EXX", "EXY"]\n{BOTH}',
             axis={"X": "backlash_um = 3.0"},
         ),
-        "linuxcnc-inch": _case("linuxcnc", PLAIN, machine='functions = ["EXX"]\nunits = "inch"'),
+        "linuxcnc-inch": _case(
+            "linuxcnc", PLAIN, machine='functions = ["EXX"]\nunits = "inch"'
+        ),
         "beckhoff": _case("beckhoff", LEANING, more='chain = "FXYZ"'),
         "beckhoff-lists": _case(
             "beckhoff",
@@ -218,7 +229,9 @@ def cases() -> dict[str, Callable[[], Any]]:
         "fagor": _case(
             "fagor", TURNING, machine=f'functions = ["EXX"]\n{BOTH}', axes="backlash_um = 0.0"
         ),
-        "neutral": _case("neutral", TURNING, machine=f"{small}\n{BOTH}", axes="backlash_um = 0.0"),
+        "neutral": _case(
+            "neutral", TURNING, machine=f"{small}\n{BOTH}", axes="backlash_um = 0.0"
+        ),
         "lattice": _lattice,
         "sign-run": _sign_run,
         "recognised": _recognised,
@@ -288,7 +301,9 @@ def _recognised() -> Any:
     files += planned(
         "heidenhain",
         LEANING,
-        profile_of("heidenhain", section='[heidenhain]\ngeneration = "itnc530"\nchain = "FXYZ"'),
+        profile_of(
+            "heidenhain", section='[heidenhain]\ngeneration = "itnc530"\nchain = "FXYZ"'
+        ),
     )[0]
     files += [
         lattice.render(lattice.lattice_of(PLAIN, 60.0)),
@@ -306,7 +321,9 @@ def _recognised() -> Any:
             "lattice": lattice.recognises(file),
             "curves": file.data.startswith(curves_csv.NAME.encode()),
             "alone": plain.attempted(lambda file=file: controller_of([file]).name),
-            "with a note": plain.attempted(lambda file=file: controller_of([file, files[0]]).name),
+            "with a note": plain.attempted(
+                lambda file=file: controller_of([file, files[0]]).name
+            ),
             "levers": None if left is None else references.plain(left.message),
         }
     return found

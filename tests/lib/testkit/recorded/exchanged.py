@@ -170,14 +170,16 @@ def _etalon() -> Any:
         )
 
     found: dict[str, Any] = {
-        f"by hand, {chain}": read(SMALL, chain) for chain in ("FXYZ", "XFYZ", "XYFZ", "ZYXF", "FXY")
+        f"by hand, {chain}": read(SMALL, chain)
+        for chain in ("FXYZ", "XFYZ", "XYFZ", "ZYXF", "FXY")
     }
     for chain in ("XFYZ", "ZYXF"):
         made = etalon.render(result_of(angles=ANGLES, chain=chain))
         found[f"written, {chain}"] = plain.lines(made.data)
         found[f"back, {chain}"] = read(made.data.decode("ascii"), chain)
     unknown = replace(
-        told(), squareness={**PLAIN.squareness, "B0Z": replace(PLAIN.squareness["B0Z"], value=None)}
+        told(),
+        squareness={**PLAIN.squareness, "B0Z": replace(PLAIN.squareness["B0Z"], value=None)},
     )
     found["written, told"] = plain.lines(etalon.render(unknown).data)
     lines = SMALL.split("\n")
@@ -206,7 +208,9 @@ def _volumetric() -> Any:
     """Volumetric error files as they stand on machines: squareness with and without a column,
     angles with and without a chain."""
     profile = profile_of(
-        "beckhoff", steps={"X": 100.0, "Y": 120.0, "Z": 90.0}, axis={"Z": "reference_mm = -60.0"}
+        "beckhoff",
+        steps={"X": 100.0, "Y": 120.0, "Z": 90.0},
+        axis={"Z": "reference_mm = -60.0"},
     )
     controls = {
         "plain": profile,
@@ -262,7 +266,9 @@ def _volumetric() -> Any:
                 continue
             file = ControlFile(name="v.csv", data=text.encode("ascii"))
             found[f"{what}, {name}"] = plain.attempted(
-                lambda file=file, own=own: [plain.table(one) for one in control.parse([file], own)]
+                lambda file=file, own=own: [
+                    plain.table(one) for one in control.parse([file], own)
+                ]
             )
     found["recognised"] = {
         what: csv.recognises(ControlFile(name="v", data=text.encode("ascii")))
@@ -379,10 +385,12 @@ def _punched() -> Any:
         whole_file = read_punch(ControlFile(name="P.TXT", data=states[name]))
         for what, (pitch, parameters) in changes.items():
             found[f"{name}, {what}"] = plain.attempted(
-                lambda pitch=pitch, parameters=parameters, whole_file=whole_file: plain.beside(
-                    plain.lines(whole_file.changed(pitch, parameters)),
-                    plain.lines(b"\n".join(each.text for each in whole_file.blocks)),
-                    "",
+                lambda pitch=pitch, parameters=parameters, whole_file=whole_file: (
+                    plain.beside(
+                        plain.lines(whole_file.changed(pitch, parameters)),
+                        plain.lines(b"\n".join(each.text for each in whole_file.blocks)),
+                        "",
+                    )
                 )
             )
     return found
@@ -392,15 +400,26 @@ def _identity() -> Any:
     """What the machine's own parameters say against the profile."""
 
     def of(
-        *more: str, section: str = "", machine: str = "", x: str = "", unit: str = "", **own: str
+        *more: str,
+        section: str = "",
+        machine: str = "",
+        x: str = "",
+        unit: str = "",
+        **own: str,
     ) -> Any:
         words = fanuc_section(section, x=x)
         if unit:
-            words = words.replace("increment_limit", f"least_input_um = {unit}\nincrement_limit")
+            words = words.replace(
+                "increment_limit", f"least_input_um = {unit}\nincrement_limit"
+            )
         profile = profile_of("fanuc", section=words, machine=machine)
-        file = read_punch(ControlFile(name="P.TXT", data=punched(None, *more, points=2, **own)))
+        file = read_punch(
+            ControlFile(name="P.TXT", data=punched(None, *more, points=2, **own))
+        )
         return plain.attempted(
-            lambda: [said(item) for item in identity_findings([file], profile, profile.options)]
+            lambda: [
+                said(item) for item in identity_findings([file], profile, profile.options)
+            ]
         )
 
     found: dict[str, Any] = {"plain": of(), "named": of("N01020Q1A1P88A2P89A3P90")}
@@ -421,7 +440,9 @@ def _identity() -> Any:
         N3605="00000001 00000000 00000000", section=both, machine='direction = "both"'
     )
     found["3605, mean"] = of(N3605="00000001 00000000 00000000", section=both)
-    found["3605, unasked"] = of(N3605="00000001 00000000 00000000", machine='direction = "both"')
+    found["3605, unasked"] = of(
+        N3605="00000001 00000000 00000000", machine='direction = "both"'
+    )
     for bits in ("00001000", "00000100", "00010000", "1000", "000"):
         found[f"1006 {bits}"] = of(f"N01006Q1A1P{bits}A2P00000000A3P00000000")
     for bits in ("00000000", "00000001", "00000010", "00000011", "0"):
@@ -507,7 +528,8 @@ def _lines() -> Any:
     ):
         found[f"{data[:9]!r} {len(data)}"] = plain.attempted(
             lambda data=data: [
-                [where, text[:9]] for where, text in read_lines(ControlFile(name="f", data=data))
+                [where, text[:9]]
+                for where, text in read_lines(ControlFile(name="f", data=data))
             ]
         )
     for data in (
@@ -518,7 +540,9 @@ def _lines() -> Any:
         b"// mark // end x",
     ):
         found[f"end {data!r}"] = plain.attempted(
-            lambda data=data: require_end(ControlFile(name="f", data=data), b"// mark", b"// end")
+            lambda data=data: require_end(
+                ControlFile(name="f", data=data), b"// mark", b"// end"
+            )
         )
     numbers = (
         0.0,
@@ -537,7 +561,8 @@ def _lines() -> Any:
         0.000000001,
     )
     found["written"] = [
-        [fixed(value, 1), fixed(value, 0), fixed(value, 3), shortest(value)] for value in numbers
+        [fixed(value, 1), fixed(value, 0), fixed(value, 3), shortest(value)]
+        for value in numbers
     ]
     for value in (
         "x" * 57,

@@ -71,7 +71,8 @@ PUNCH = {"PITCH.TXT": punched()}
 WIDE = {"PITCH.TXT": punched(None, *INCLINED, *STRAIGHT, **SET_UP)}
 UNSET = {
     "PITCH.TXT": punched(
-        None, *(f"N0{number}Q1A1P0A2P0A3P0" for number in (*range(5861, 5865), *range(5871, 5875)))
+        None,
+        *(f"N0{number}Q1A1P0A2P0A3P0" for number in (*range(5861, 5865), *range(5871, 5875))),
     )
 }
 OLD_COM = (
@@ -108,7 +109,9 @@ def exported(
         if not whole:
             found["files"].pop(REPORT)
             found["files"] = {
-                name: text for name, text in found["files"].items() if not name.startswith("LOAD")
+                name: text
+                for name, text in found["files"].items()
+                if not name.startswith("LOAD")
             }
         return found | (
             {} if report.prediction is None else {"predicted": figures(report.prediction)}
@@ -120,7 +123,9 @@ def exported(
 def figures(prediction: Prediction) -> list[list[float | None]]:
     """Return the intervals that are promised, in their order: with and without rigid motion, before
     and after, rms and largest."""
-    every = (found for when in prediction.predicted.parts().values() for found in when.values())
+    every = (
+        found for when in prediction.predicted.parts().values() for found in when.values()
+    )
     return [
         [one.value_um, one.low_um, one.high_um]
         for found in every
@@ -173,10 +178,15 @@ def exported_files(
             today=TODAY,
         )
         names = [
-            name for name in report.files if not is_restore(name) and name not in (REPORT, SUMS)
+            name
+            for name in report.files
+            if not is_restore(name) and name not in (REPORT, SUMS)
         ]
         known = controller_named(control)
-        made = [ControlFile(name=name, data=(folder / "out" / name).read_bytes()) for name in names]
+        made = [
+            ControlFile(name=name, data=(folder / "out" / name).read_bytes())
+            for name in names
+        ]
         return [file for file in made if known.recognises(file)]
 
     found = in_folder(act)
@@ -189,7 +199,9 @@ def own_of(control: str, more: str = "", **how: Any) -> dict[str, bytes]:
     angles = ANGLES if "products" in more or "chain" in f"{more}{how}" else None
     earlier = result_of(
         angles=angles,
-        shapes={name: tuple(0.61 * value for value in values) for name, values in SHAPES.items()},
+        shapes={
+            name: tuple(0.61 * value for value in values) for name, values in SHAPES.items()
+        },
     )
     found: dict[str, bytes] = {}
 
@@ -284,14 +296,15 @@ def fanuc_section(more: str, axis: str = "", x: str = "") -> str:
         f"{points_of(letter, *numbers)}\n{axis}{x if letter == 'X' else ''}"
         for letter, numbers in POINTS.items()
     ]
-    return "\n".join([f"[fanuc]\ndetection_unit_um = 1.0\nincrement_limit = 127\n{more}", *axes])
+    return "\n".join(
+        [f"[fanuc]\ndetection_unit_um = 1.0\nincrement_limit = 127\n{more}", *axes]
+    )
 
 
 def _options(case: Callable[..., None]) -> None:
     """Every option of every control."""
-    sizes = (
-        "eec_points = { X = 9, Y = 8 }\ncec_points = 7\ncec_tables_held = 16\ncec_max_velo = 0.3\n"
-    )
+    sizes = "eec_points = { X = 9, Y = 8 }\ncec_points = 7\n"
+    sizes += "cec_tables_held = 16\ncec_max_velo = 0.3\n"
     case(
         "sizes",
         PLAIN,
@@ -343,7 +356,9 @@ def _options(case: Callable[..., None]) -> None:
         machine='functions = ["EYX", "EZX", "EZY", "EXX"]\nsquareness_into = { C0Y = "EYX", B0Z '
         '= "EZX", A0Z = "EZY" }',
     )
-    case("few", expecting, "siemens", machine='functions = ["EYY", "EXZ"]', limits="points = 4")
+    case(
+        "few", expecting, "siemens", machine='functions = ["EYY", "EXZ"]', limits="points = 4"
+    )
     case(
         "finer",
         PLAIN,
@@ -376,7 +391,13 @@ def _options(case: Callable[..., None]) -> None:
         accept=(),
     )
     case("one-direction", TURNING, "siemens", axes="backlash_um = 1.5")
-    case("inclination", PLAIN, "fanuc", files=WIDE, section=fanuc_section("", "inclination = true"))
+    case(
+        "inclination",
+        PLAIN,
+        "fanuc",
+        files=WIDE,
+        section=fanuc_section("", "inclination = true"),
+    )
     case(
         "inclination-unset",
         PLAIN,
@@ -576,7 +597,9 @@ def _quick(found: dict[str, Callable[[], Any]]) -> None:
     )
     found["etalon"] = lambda: exported(LEANING, "etalon", None)
     found["etalon-told"] = lambda: exported(told(), "etalon", None)
-    found["siemens-step"] = lambda: exported(PLAIN, "siemens", profile_of("siemens"), step_mm=60.0)
+    found["siemens-step"] = lambda: exported(
+        PLAIN, "siemens", profile_of("siemens"), step_mm=60.0
+    )
 
 
 def _loaded(found: dict[str, Callable[[], Any]]) -> None:
@@ -613,7 +636,9 @@ def _loaded(found: dict[str, Callable[[], Any]]) -> None:
     def over(
         result: Callable[[], Result], more: str = "", machine: str = "", only: str = ""
     ) -> Any:
-        own = {name: data for name, data in own_of("siemens").items() if name.startswith(only)}
+        own = {
+            name: data for name, data in own_of("siemens").items() if name.startswith(only)
+        }
         return exported(
             result(), "siemens", profile_of("siemens", more, machine=machine, files=own)
         )

@@ -107,12 +107,15 @@ def mistaken(
 
 def of(name: str, change: Change) -> Callable[[list[Table]], list[Table]]:
     """Return a change of the tables of one function; ``""`` of all."""
-    return lambda tables: [change(table) if name in ("", table.name) else table for table in tables]
+    return lambda tables: [
+        change(table) if name in ("", table.name) else table for table in tables
+    ]
 
 
 def scaled(factor: float) -> Change:
     return lambda table: replace(
-        table, value_um=np.round(table.value_um * factor / table.quantum_um) * table.quantum_um
+        table,
+        value_um=np.round(table.value_um * factor / table.quantum_um) * table.quantum_um,
     )
 
 
@@ -137,7 +140,10 @@ def put_for(one: str, other: str) -> Callable[[list[Table]], list[Table]]:
             replace(
                 table,
                 value_um=np.round(
-                    np.interp(np.linspace(0.0, 1.0, len(table.value_um)), grid, taken.value_um), 1
+                    np.interp(
+                        np.linspace(0.0, 1.0, len(table.value_um)), grid, taken.value_um
+                    ),
+                    1,
                 ),
             )
             if table.name == other
@@ -153,7 +159,9 @@ def _swapped(one: str, other: str) -> Callable[[list[Table]], list[Table]]:
     other."""
 
     def change(tables: list[Table]) -> list[Table]:
-        a, b = (next(table for table in tables if table.name == name) for name in (one, other))
+        a, b = (
+            next(table for table in tables if table.name == name) for name in (one, other)
+        )
         return [
             replace(a, input_axis=b.input_axis, output_axis=b.output_axis),
             replace(b, input_axis=a.input_axis, output_axis=a.output_axis),
@@ -168,18 +176,24 @@ def cases() -> dict[str, Callable[[], Any]]:
         "right": mistaken("siemens", lambda tables: tables, steps=FINE)
     }
     for factor in (-1.0, 0.1, 0.45, 0.6, 1.4, 1.8, 2.0, -2.0, -0.5, 10.0, 0.02):
-        found[f"all-times-{factor:g}"] = mistaken("siemens", of("", scaled(factor)), steps=FINE)
+        found[f"all-times-{factor:g}"] = mistaken(
+            "siemens", of("", scaled(factor)), steps=FINE
+        )
     for name in ("EXX", "EZY", "EXZ"):
         for factor in (-1.0, 2.5, -3.0, 0.0):
             found[f"{name}-times-{factor:g}"] = mistaken(
                 "siemens", of(name, scaled(factor)), steps=FINE
             )
         for mm in (250.0, -5000.0, 30.0):
-            found[f"{name}-by-{mm:g}-mm"] = mistaken("siemens", of(name, shifted(mm)), steps=FINE)
+            found[f"{name}-by-{mm:g}-mm"] = mistaken(
+                "siemens", of(name, shifted(mm)), steps=FINE
+            )
         found[f"{name}-with-waves"] = mistaken(
             "siemens", of(name, added((9.0, -7.0, 4.0))), steps=FINE
         )
-        found[f"{name}-with-an-origin"] = mistaken("siemens", of(name, added((5.0,))), steps=FINE)
+        found[f"{name}-with-an-origin"] = mistaken(
+            "siemens", of(name, added((5.0,))), steps=FINE
+        )
         found[f"{name}-with-a-slope"] = mistaken(
             "siemens",
             of(
@@ -199,15 +213,23 @@ def cases() -> dict[str, Callable[[], Any]]:
     ):
         found[f"{one}-for-{other}"] = mistaken("siemens", put_for(one, other), steps=FINE)
     for one, other in (("EYX", "EXY"), ("EXX", "EYY"), ("EYX", "EZX")):
-        found[f"{one}-and-{other}-swapped"] = mistaken("siemens", _swapped(one, other), steps=FINE)
+        found[f"{one}-and-{other}-swapped"] = mistaken(
+            "siemens", _swapped(one, other), steps=FINE
+        )
     found["of-another-machine"] = mistaken(
         "siemens", lambda tables: tables, result=told(), asked=LEANING, steps=FINE
     )
     small = result_of(shapes={"EXX": (0.0, 0.31, 0.13, 0.27)}, squareness={"C0Y": 0.5})
-    found["of-small-errors"] = mistaken("siemens", of("EXX", scaled(3.0)), result=small, steps=FINE)
+    found["of-small-errors"] = mistaken(
+        "siemens", of("EXX", scaled(3.0)), result=small, steps=FINE
+    )
     unknown = result_of(shapes={**SHAPES, "EZZ": None})
-    found["not-identified"] = mistaken("siemens", lambda tables: tables, asked=unknown, steps=FINE)
-    unsquare = replace(PLAIN, squareness={**PLAIN.squareness, "C0Y": Quantity(value=None, u=None)})
+    found["not-identified"] = mistaken(
+        "siemens", lambda tables: tables, asked=unknown, steps=FINE
+    )
+    unsquare = replace(
+        PLAIN, squareness={**PLAIN.squareness, "C0Y": Quantity(value=None, u=None)}
+    )
     found["squareness-not-identified"] = mistaken(
         "siemens", lambda tables: tables, asked=unsquare, steps=FINE
     )
@@ -242,25 +264,39 @@ def cases() -> dict[str, Callable[[], Any]]:
         ("turned", of("EYX*Z", scaled(-1.0))),
         (
             "doubled",
-            of("", lambda table: scaled(2.0)(table) if table.multiplier is not None else table),
+            of(
+                "",
+                lambda table: scaled(2.0)(table) if table.multiplier is not None else table,
+            ),
         ),
         (
             "slightly",
-            of("", lambda table: scaled(1.3)(table) if table.multiplier is not None else table),
+            of(
+                "",
+                lambda table: scaled(1.3)(table) if table.multiplier is not None else table,
+            ),
         ),
         (
             "fivefold-turned",
-            of("", lambda table: scaled(-5.0)(table) if table.multiplier is not None else table),
+            of(
+                "",
+                lambda table: scaled(-5.0)(table) if table.multiplier is not None else table,
+            ),
         ),
         (
             "empty",
-            of("", lambda table: scaled(0.001)(table) if table.multiplier is not None else table),
+            of(
+                "",
+                lambda table: scaled(0.001)(table) if table.multiplier is not None else table,
+            ),
         ),
         (
             "bent",
             of(
                 "",
-                lambda table: added((4.0, -6.0))(table) if table.multiplier is not None else table,
+                lambda table: (
+                    added((4.0, -6.0))(table) if table.multiplier is not None else table
+                ),
             ),
         ),
     ):
@@ -300,13 +336,18 @@ def cases() -> dict[str, Callable[[], Any]]:
         ("beckhoff", {"more": 'chain = "FXYZ"', "result": LEANING}),
         (
             "heidenhain",
-            {"section": '[heidenhain]\ngeneration = "itnc530"\nchain = "FXYZ"', "result": LEANING},
+            {
+                "section": '[heidenhain]\ngeneration = "itnc530"\nchain = "FXYZ"',
+                "result": LEANING,
+            },
         ),
     ):
         tag = control + ("-lists" if "machine" in how else "-chain" if len(how) > 1 else "")
         found[f"{tag}-right"] = mistaken(control, lambda tables: tables, steps=FINE, **how)
         found[f"{tag}-turned"] = mistaken(control, of("", scaled(-1.0)), steps=FINE, **how)
-        found[f"{tag}-EXX-doubled"] = mistaken(control, of("EXX", scaled(2.0)), steps=FINE, **how)
+        found[f"{tag}-EXX-doubled"] = mistaken(
+            control, of("EXX", scaled(2.0)), steps=FINE, **how
+        )
     _without_a_profile(found)
     _loaded(found)
     _lattices(found)
@@ -326,7 +367,9 @@ def _without_a_profile(found: dict[str, Callable[[], Any]]) -> None:
         found[f"{control}-alone"] = lambda control=control: verified(
             PLAIN, exported_files(PLAIN, control, None, step_mm=60.0), None
         )
-    found["nobody's"] = lambda: verified(PLAIN, [ControlFile(name="a.txt", data=b"1 2 3\n")], None)
+    found["nobody's"] = lambda: verified(
+        PLAIN, [ControlFile(name="a.txt", data=b"1 2 3\n")], None
+    )
     found["nothing"] = lambda: verified(PLAIN, [], None)
     found["two-controls"] = lambda: verified(
         PLAIN,
@@ -368,7 +411,9 @@ def _loaded(found: dict[str, Callable[[], Any]]) -> None:
         return exported_files(PLAIN, "siemens", profile_of("siemens", more, machine=machine))
 
     for state, result in (("on", measured_on), ("off", lambda _: PLAIN)):
-        found[f"beside-{state}"] = partial(beside, partial(made, machine=few), result, state=state)
+        found[f"beside-{state}"] = partial(
+            beside, partial(made, machine=few), result, state=state
+        )
         found[f"again-{state}"] = partial(
             beside,
             lambda: [ControlFile(name=n, data=d) for n, d in own_of("siemens").items()],
@@ -408,7 +453,9 @@ def _lattices(found: dict[str, Callable[[], Any]]) -> None:
     found["lattice-shifted"] = judged(
         lambda each: replace(each, axes_mm=(each.axes_mm[0] + 200.0, *each.axes_mm[1:]))
     )
-    found["lattice-mirrored"] = judged(lambda each: replace(each, vectors_um=each.vectors_um[::-1]))
+    found["lattice-mirrored"] = judged(
+        lambda each: replace(each, vectors_um=each.vectors_um[::-1])
+    )
     found["lattice-of-one-axis"] = judged(
         lambda each: replace(each, vectors_um=each.vectors_um * np.array([1.0, 0.0, 0.0]))
     )
@@ -420,10 +467,14 @@ def _lattices(found: dict[str, Callable[[], Any]]) -> None:
     found["lattice-over-lattice"] = lambda: verified(
         measured_on(own),
         [lattice.render(held)],
-        profile_of("linuxcnc", 'way = "kinematics"', machine='measured_with = "on"', files=own),
+        profile_of(
+            "linuxcnc", 'way = "kinematics"', machine='measured_with = "on"', files=own
+        ),
     )
     found["lattice-beside-lattice"] = lambda: verified(
-        LEANING, [lattice.render(held)], profile_of("linuxcnc", 'way = "kinematics"', files=own)
+        LEANING,
+        [lattice.render(held)],
+        profile_of("linuxcnc", 'way = "kinematics"', files=own),
     )
     rest = result_of(
         shapes={name: values for name, values in SHAPES.items() if name != "EYY"},

@@ -64,9 +64,12 @@ def _single() -> Any:
             found[name] = _without(made, folder)
 
         path = folder / "a.txt"
-        tried("atomically", lambda: write_atomically(folder / "deep" / "er" / "b.txt", b"one"))
         tried(
-            "atomically again", lambda: write_atomically(folder / "deep" / "er" / "b.txt", b"two")
+            "atomically", lambda: write_atomically(folder / "deep" / "er" / "b.txt", b"one")
+        )
+        tried(
+            "atomically again",
+            lambda: write_atomically(folder / "deep" / "er" / "b.txt", b"two"),
         )
         tried("atomically over a folder", lambda: write_atomically(folder / "deep", b"one"))
         tried("once", lambda: write_once(path, "\u00e4\n"))
@@ -87,7 +90,8 @@ def _single() -> Any:
         )
         for largest in (2, 3, 4):
             tried(
-                f"read {largest}", lambda largest=largest: read_bytes(path, largest=largest).hex()
+                f"read {largest}",
+                lambda largest=largest: read_bytes(path, largest=largest).hex(),
             )
             tried(
                 f"read {largest} named",
@@ -98,12 +102,16 @@ def _single() -> Any:
         tried("read a folder", lambda: read_bytes(folder))
         tried(
             "read a folder named",
-            lambda: read_bytes(folder / "deep", "a.field", expected="a thing", remedy="do it"),
+            lambda: read_bytes(
+                folder / "deep", "a.field", expected="a thing", remedy="do it"
+            ),
         )
         tried("read nothing", lambda: read_bytes(folder / "none"))
         tried(
             "read nothing named",
-            lambda: read_bytes(folder / "none", "a.field", expected="a thing", remedy="do it"),
+            lambda: read_bytes(
+                folder / "none", "a.field", expected="a thing", remedy="do it"
+            ),
         )
         tried("read a NUL", lambda: read_bytes(Path("a\0b")))
         tried("text", lambda: read_text(path))
@@ -128,7 +136,9 @@ def _written() -> Any:
             "names": list(write_set(folder / "deep" / "out", FILES)),
             "rights": _rights(folder),
         }
-        found["list"] = (folder / "deep" / "out" / SUMS).read_text(encoding="utf-8").split("\n")
+        found["list"] = (
+            (folder / "deep" / "out" / SUMS).read_text(encoding="utf-8").split("\n")
+        )
         found["again"] = list(write_set(folder / "deep" / "out", FILES))
         (folder / "empty").mkdir()
         found["into an empty one"] = list(write_set(folder / "empty", FILES[:1]))
@@ -139,12 +149,21 @@ def _written() -> Any:
             ("other bytes", folder / "empty", [ControlFile(name="B.INI", data=b"c\n")]),
             ("a file", folder / "file", FILES),
             ("under a file", folder / "file" / "out", FILES),
-            ("two of one name", folder / "two", [*FILES, ControlFile(name="a.ini", data=b"")]),
-            ("the list's name", folder / "two", [*FILES, ControlFile(name="sha256sums", data=b"")]),
+            (
+                "two of one name",
+                folder / "two",
+                [*FILES, ControlFile(name="a.ini", data=b"")],
+            ),
+            (
+                "the list's name",
+                folder / "two",
+                [*FILES, ControlFile(name="sha256sums", data=b"")],
+            ),
             ("nothing", folder / "nothing", []),
         ):
             found[name] = _without(
-                attempted(lambda target=target, files=files: list(write_set(target, files))), folder
+                attempted(lambda target=target, files=files: list(write_set(target, files))),
+                folder,
             )
         return found | {"left": sorted(path.name for path in folder.rglob("*"))}
 
@@ -164,17 +183,22 @@ def _read() -> Any:
             found[name] = [
                 _without(
                     attempted(
-                        lambda: [f"{file.name} {file.data!r} {file.role}" for file in read_set(out)]
+                        lambda: [
+                            f"{file.name} {file.data!r} {file.role}" for file in read_set(out)
+                        ]
                     ),
                     out,
                 ),
                 whole(out),
                 _without(
-                    attempted(lambda: [file.name for file in read_given([out / "B.INI"])]), out
+                    attempted(lambda: [file.name for file in read_given([out / "B.INI"])]),
+                    out,
                 ),
                 _without(
                     attempted(
-                        lambda: [file.name for file in read_given([out / SUMS, out / "EXPORT.txt"])]
+                        lambda: [
+                            file.name for file in read_given([out / SUMS, out / "EXPORT.txt"])
+                        ]
                     ),
                     out,
                 ),
@@ -186,7 +210,10 @@ def _read() -> Any:
         harmed("untouched", lambda out: None)
         harmed("hidden", lambda out: (out / ".B.INI.x").write_bytes(b""))
         harmed("one lost", lambda out: (out / "A.INI").unlink())
-        harmed("two lost", lambda out: [(out / name).unlink() for name in ("A.INI", "EXPORT.txt")])
+        harmed(
+            "two lost",
+            lambda out: [(out / name).unlink() for name in ("A.INI", "EXPORT.txt")],
+        )
         harmed("one altered", lambda out: (out / "A.INI").write_bytes(b"b\n"))
         harmed("B altered", lambda out: (out / "B.INI").write_bytes(b"a\n"))
         harmed(
@@ -213,7 +240,8 @@ def _read() -> Any:
         ]
         (folder / "alone.ini").write_bytes(b"x")
         found["alone"] = [
-            f"{file.name} {file.data!r} {file.role}" for file in read_given([folder / "alone.ini"])
+            f"{file.name} {file.data!r} {file.role}"
+            for file in read_given([folder / "alone.ini"])
         ]
         found["no folder"] = whole(folder / "none")
         return found
@@ -226,7 +254,9 @@ def _packed() -> Any:
         write_set(folder / "out", FILES)
         found: dict[str, Any] = {}
         for restore in (False, True):
-            with zipfile.ZipFile(io.BytesIO(zip_of(folder / "out", restore=restore))) as archive:
+            with zipfile.ZipFile(
+                io.BytesIO(zip_of(folder / "out", restore=restore))
+            ) as archive:
                 found[f"restore {restore}"] = [
                     [
                         one.filename,

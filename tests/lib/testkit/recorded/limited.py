@@ -62,14 +62,17 @@ HOW: Mapping[str, tuple[str, dict[str, Any]]] = {
     "beckhoff, lists": (
         "beckhoff",
         {
-            "section": LISTS + 'cross_sense = "as-error"\nssfk_points = 90\ncross_points = 80',
+            "section": LISTS
+            + 'cross_sense = "as-error"\nssfk_points = 90\ncross_points = 80',
             "machine": 'functions = ["EXX", "EYY", "EZZ", "EYX", "EXZ"]',
         },
     ),
     "mitsubishi": ("mitsubishi", {}),
     "mitsubishi, absolute": (
         "mitsubishi",
-        {"section": '[mitsubishi]\noutput_unit_um = 0.05\ndata = "absolute"\nfirst_data = 4501'},
+        {
+            "section": '[mitsubishi]\noutput_unit_um = 0.05\ndata = "absolute"\nfirst_data = 4501'
+        },
     ),
     "fagor": ("fagor", {}),
     "neutral": ("neutral", {}),
@@ -173,7 +176,9 @@ def _nets() -> Any:
     ends = np.array([-200.0, 100.0])
     angle = replace(
         table_of((0.0, 30.0, -20.0, 60.0), "EYX", kind="volcomp-angle"),
-        multiplier=Multiplier(axis="Z", position_mm=ends, value=ends / 100.0, ends="extended"),
+        multiplier=Multiplier(
+            axis="Z", position_mm=ends, value=ends / 100.0, ends="extended"
+        ),
     )
     base = limited(profile_of("siemens"), value_um=64.0, warn_value_um=32.0, slope_um_mm=0.4)
     column = table_of((0.0, 20.0, -12.0, 37.0), "EYX", kind="volcomp")
@@ -238,7 +243,10 @@ def _worth() -> Any:
         curve_of("EXX", (0, 9, 1, 0), 0.3, at),
         curve_of("EZX", (0, 9, -8, 4), 0.3, at),
     ]
-    curves += [curve_of("EXY", (0, 6, -5, 4), 0.3, at), curve_of("EZY", (0, 0.5, 0.25, 0), 0.3, at)]
+    curves += [
+        curve_of("EXY", (0, 6, -5, 4), 0.3, at),
+        curve_of("EZY", (0, 0.5, 0.25, 0), 0.3, at),
+    ]
     takes = {"EYX": 1, "EXX": 0, "EZX": 2, "EXY": 1, "EZY": 1}
 
     def product(name: str, rms: float) -> Product:
@@ -305,7 +313,9 @@ def _unchanged() -> Any:
         pairs[f"one way by {um}"] = (
             [
                 replace(one, direction=1),
-                replace(one, direction=-1, value_um=one.value_um + np.array([0.0, um, 0.0, 0.0])),
+                replace(
+                    one, direction=-1, value_um=one.value_um + np.array([0.0, um, 0.0, 0.0])
+                ),
             ],
             [one],
         )
@@ -337,7 +347,10 @@ def _free_names() -> Any:
             "LOAD_CEC_2.MPF": b"; nothing\n",
             "AX_EEC.INI": own["AX_EEC.INI"],
         },
-        "two": {"A.INI": own["NC_CEC.INI"], "B.INI": own["NC_CEC.INI"].replace(b"0.00", b"0.01")},
+        "two": {
+            "A.INI": own["NC_CEC.INI"],
+            "B.INI": own["NC_CEC.INI"].replace(b"0.00", b"0.01"),
+        },
     }
     for what, files in texts.items():
         profile = profile_of("siemens", files=files, machine='functions = ["EXX", "EYX"]')
@@ -345,7 +358,9 @@ def _free_names() -> Any:
             [ControlFile(name=file.name, data=file.data) for file in made], settled
         )
         elsewhere = [
-            replace(table, place={**table.place, "table": 5}) if table.kind == "cec" else table
+            replace(table, place={**table.place, "table": 5})
+            if table.kind == "cec"
+            else table
             for table in tables
         ]
         for where, some in (("there", tables), ("elsewhere", elsewhere)):
@@ -366,7 +381,10 @@ def _before() -> Any:
     profile = limited(profile_of("siemens"), change_um=2.0)
     return {
         f"{um:g} µm, {way}": checked(
-            [table_of((0, 1, um, 3), direction=way)], before=old, profile=profile, result=TURNING
+            [table_of((0, 1, um, 3), direction=way)],
+            before=old,
+            profile=profile,
+            result=TURNING,
         )
         for um in (2, 3, 4, 5)
         for way in (0, 1, -1)

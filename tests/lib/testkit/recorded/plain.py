@@ -67,7 +67,12 @@ def table(one: Table) -> dict[str, Any]:
     }
     if one.multiplier is not None:
         times = one.multiplier
-        found["times"] = [times.axis, times.position_mm.tolist(), times.value.tolist(), times.ends]
+        found["times"] = [
+            times.axis,
+            times.position_mm.tolist(),
+            times.value.tolist(),
+            times.ends,
+        ]
     return found
 
 
@@ -99,7 +104,9 @@ def beside(text: Sequence[str], other: Sequence[str], name: str) -> list[str]:
     matcher = difflib.SequenceMatcher(a=other, b=text, autojunk=False)
     found = [f"<> {name}"]
     for what, low, high, begin, end in matcher.get_opcodes():
-        found += [f"<{low + 1}-{high}>"] if what == "equal" and high - low > 1 else text[begin:end]
+        found += (
+            [f"<{low + 1}-{high}>"] if what == "equal" and high - low > 1 else text[begin:end]
+        )
     return found
 
 
@@ -117,7 +124,9 @@ def shortened(cases: Mapping[str, Any]) -> dict[str, Any]:
         for name, text in held.items():
             key = name.replace("_UNTESTED_SIGN", "")
             near = key if key in first else key.replace("_RESTORE", "")
-            texts[name] = beside(text, first[near][1], first[near][0]) if near in first else text
+            texts[name] = (
+                beside(text, first[near][1], first[near][0]) if near in first else text
+            )
             first.setdefault(key, (f"{name}, {case}", text))
         found[case] = {**made, "files": texts}
     return found
@@ -129,7 +138,10 @@ def grouped(outcomes: Mapping[str, Any]) -> dict[str, Any]:
     for what, outcome in outcomes.items():
         refused = isinstance(outcome, dict) and list(outcome) == ["refused"]
         found.setdefault(
-            outcome["refused"] if refused else json.dumps(rounded(outcome), ensure_ascii=False), []
+            outcome["refused"]
+            if refused
+            else json.dumps(rounded(outcome), ensure_ascii=False),
+            [],
         ).append(what)
     return {outcome: what if len(what) > 1 else what[0] for outcome, what in found.items()}
 

@@ -78,9 +78,13 @@ def profile_text(
     lines += [machine if "measured_with" in machine else f'measured_with = "off"\n{machine}']
     for index, letter in enumerate("XYZ"):
         step, own = {**STEPS, **(steps or {})}[letter], (axis or {}).get(letter, "")
-        reference = "" if "reference_mm" in own else f"reference_mm = {(-100.0, 40.0, 30.0)[index]}"
+        reference = (
+            "" if "reference_mm" in own else f"reference_mm = {(-100.0, 40.0, 30.0)[index]}"
+        )
         backlash = (
-            "backlash_um = 0.0" if control == "linuxcnc" and "backlash" not in own + axes else ""
+            "backlash_um = 0.0"
+            if control == "linuxcnc" and "backlash" not in own + axes
+            else ""
         )
         lines += [
             f"[axes.{letter}]",
@@ -132,7 +136,10 @@ def punched(
     } | own
     if parameters:
         lines += [f"N0{name[1:]}Q1{_of_axes(value)}" for name, value in head.items()]
-    lines += [*more, *(f"N1{point:04}Q0P{(pitch or {}).get(point, 0)}" for point in range(points))]
+    lines += [
+        *more,
+        *(f"N1{point:04}Q0P{(pitch or {}).get(point, 0)}" for point in range(points)),
+    ]
     return EOB.join(line.encode("ascii") for line in [*lines, "%"]) + EOB
 
 
@@ -145,9 +152,12 @@ def _of_axes(value: str) -> str:
 SET_UP = {"N3620": "12 32 52", "N3624": "100.0 80.0 60.0"}
 """Parameters of a machine whose pitch data were in use."""
 INCLINED = [
-    f"N0{5861 + point}Q1A1P{10 + point}A2P{30 + 2 * point}A3P{50 + point}" for point in range(4)
+    f"N0{5861 + point}Q1A1P{10 + point}A2P{30 + 2 * point}A3P{50 + point}"
+    for point in range(4)
 ] + [f"N0{5871 + point}Q1A1P0A2P0A3P0" for point in range(4)]
-STRAIGHT = [f"N0{number}Q1P0" for first in (5711, 5721) for number in range(first, first + 3)] + [
+STRAIGHT = [
+    f"N0{number}Q1P0" for first in (5711, 5721) for number in range(first, first + 3)
+] + [
     f"N0{first + 10 * one + point}Q1P{point if first < 5760 else 0}"
     for first in (5731, 5761)
     for one in range(3)

@@ -47,7 +47,9 @@ def written(sequence: Sequence, control: str, **how: Any) -> Any:
 
 def refused(sequence: Sequence, control: str = "siemens", **how: Any) -> Any:
     """Return the refusal of programs, or their names."""
-    return plain.attempted(lambda: [one.name for one in nc_programs(sequence, control, **how)])
+    return plain.attempted(
+        lambda: [one.name for one in nc_programs(sequence, control, **how)]
+    )
 
 
 def cases() -> dict[str, Callable[[], Any]]:
@@ -83,9 +85,9 @@ def cases() -> dict[str, Callable[[], Any]]:
             ],
             "signals": {name: getattr(default_signals(control), name) for name in OWN},
             "decimals": default_decimals(control),
-            "template": program_template(default_signals(control), default_decimals(control)).split(
-                "\n"
-            ),
+            "template": program_template(
+                default_signals(control), default_decimals(control)
+            ).split("\n"),
             "companions": {
                 file.name: plain.lines(file.data)
                 if file.name.endswith("hal")
@@ -103,7 +105,9 @@ def cases() -> dict[str, Callable[[], Any]]:
 
 def _profiles() -> Any:
     """The templates of profiles, all but the first said beside it."""
-    texts = {name: profile_template(control).split("\n") for name, control in CONTROLLERS.items()}
+    texts = {
+        name: profile_template(control).split("\n") for name, control in CONTROLLERS.items()
+    }
     (first, text), *others = texts.items()
     return {first: text} | {name: plain.beside(other, text, first) for name, other in others}
 
@@ -112,7 +116,9 @@ def _stops(sequence: Sequence, control: str) -> Any:
     """Return the lines of several setups that say anything new."""
     whole = written(replace(sequence, handshake=bool(default_signals(control).wait)), control)
     return {
-        name: [line for line in lines if not line.lstrip("0123456789 ").startswith(("(", ";"))]
+        name: [
+            line for line in lines if not line.lstrip("0123456789 ").startswith(("(", ";"))
+        ]
         for name, lines in whole.items()
     }
 
@@ -175,10 +181,14 @@ def _refused() -> Any:
     found["handshake without a wait"] = refused(
         replace(SHORT, handshake=True), signals=Signals(**{**OWN, "wait": ""})
     )
-    found["no handshake without a wait"] = refused(SHORT, signals=Signals(**{**OWN, "wait": ""}))
+    found["no handshake without a wait"] = refused(
+        SHORT, signals=Signals(**{**OWN, "wait": ""})
+    )
     for increments, repeats in ((10922, 1), (5461, 2), (10923, 1), (5461, 3)):
         long = Volume(
-            origin_mm=(0.0, 0.0, 0.0), size_mm=(10923.0, 10923.0, 10923.0), increments=increments
+            origin_mm=(0.0, 0.0, 0.0),
+            size_mm=(10923.0, 10923.0, 10923.0),
+            increments=increments,
         )
         found[f"{increments} increments {repeats} times"] = plain.attempted(
             lambda long=long, repeats=repeats: len(
@@ -188,7 +198,9 @@ def _refused() -> Any:
     for decimals in (0, 1, 2, 3, 4, 6):
         fine = replace(
             SHORT,
-            volume=Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(10.25, 9.0, 7.125), increments=1),
+            volume=Volume(
+                origin_mm=(0.0, 0.0, 0.0), size_mm=(10.25, 9.0, 7.125), increments=1
+            ),
         )
         found[f"decimals {decimals}"] = refused(fine, decimals=decimals)
     for name, limits in {
@@ -267,7 +279,9 @@ def _sections() -> Any:
     )
     return {
         f"{text!r}": [
-            plain.attempted(lambda text=text: _section(program_section(text, "p.toml", "siemens"))),
+            plain.attempted(
+                lambda text=text: _section(program_section(text, "p.toml", "siemens"))
+            ),
             plain.attempted(
                 lambda text=text: {
                     name: list(ends) for name, ends in travel_in(text, "p.toml").items()

@@ -45,7 +45,11 @@ BACKLASH = {
     "X": {"value": 2.34, "u": 0.21, "unit": "um"},
     "Y": {"value": -3.27, "u": 0.17, "unit": "um"},
 }
-OFF: Mapping[str, Any] = {"machine": "test machine", "compensation": "off", "active_files": []}
+OFF: Mapping[str, Any] = {
+    "machine": "test machine",
+    "compensation": "off",
+    "active_files": [],
+}
 
 
 def result_of(
@@ -73,7 +77,9 @@ def result_of(
         findings=findings,
     )
     return replace(
-        made, software=Software(name="stepdiag", version="0"), **members(**{"survey": OFF, **extra})
+        made,
+        software=Software(name="stepdiag", version="0"),
+        **members(**{"survey": OFF, **extra}),
     )
 
 
@@ -108,7 +114,9 @@ def told() -> Result:
                 "Z": {"value": None, "u": None},
             },
         },
-        conditions={"assumed": {"air_temperature_c": 20.0, "relative_humidity_percent": 50.0}},
+        conditions={
+            "assumed": {"air_temperature_c": 20.0, "relative_humidity_percent": 50.0}
+        },
         tool={"up_to_um_per_100_mm": 1.43},
     )
     scale = {

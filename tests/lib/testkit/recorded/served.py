@@ -42,7 +42,14 @@ class Control:
     INTERP_IDLE, STATE_ON, error = 1, 4, RefusedError
 
     def __init__(self) -> None:
-        self.interp_state, self.task_state, self.asked, self.fails, self.absent, self.units = (
+        (
+            self.interp_state,
+            self.task_state,
+            self.asked,
+            self.fails,
+            self.absent,
+            self.units,
+        ) = (
             2,
             4,
             0,
@@ -178,7 +185,12 @@ def _looked() -> Any:
         control = Control()
         with beside(control, times):
             own = block()
-            found[name] = [own.registers()[2], control.asked, own.registers()[2], control.asked]
+            found[name] = [
+                own.registers()[2],
+                control.asked,
+                own.registers()[2],
+                control.asked,
+            ]
     for after in (0.0, 0.01, 0.05, 0.0625, 1.0):
         control = Control()
         control.task_state = 1
@@ -307,7 +319,11 @@ def _clients() -> Any:
             if not left:
                 raise EndError
             knocks, speaking = left.pop(0)
-            return [*([door] if knocks else []), *(links[number] for number in speaking)], [], []
+            return (
+                [*([door] if knocks else []), *(links[number] for number in speaking)],
+                [],
+                [],
+            )
 
         with (
             beside(Control()),
@@ -344,9 +360,13 @@ def _clients() -> Any:
             (False, [1]),
             links=[Link(), *(Link(READ) for _ in range(many))],
         ),
-        "two too many": of(*[(True, [])] * (many + 2), links=[Link() for _ in range(many + 2)]),
+        "two too many": of(
+            *[(True, [])] * (many + 2), links=[Link() for _ in range(many + 2)]
+        ),
         "one goes as one comes": of(
-            *[(True, [])] * many, (True, [0]), links=[Link(b""), *(Link() for _ in range(many))]
+            *[(True, [])] * many,
+            (True, [0]),
+            links=[Link(b""), *(Link() for _ in range(many))],
         ),
         "the second goes": of(
             *[(True, [])] * many,
@@ -392,7 +412,9 @@ def _offered() -> Any:
             control.units = {"a.ini TRAJ LINEAR_UNITS": unit}
             with (
                 beside(control),
-                patch.object(COMPONENT, "os", SimpleNamespace(environ={"INI_FILE_NAME": "a.ini"})),
+                patch.object(
+                    COMPONENT, "os", SimpleNamespace(environ={"INI_FILE_NAME": "a.ini"})
+                ),
             ):
                 found[f"unit {unit}"] = COMPONENT.inches()
                 found[f"{unit}, begun"] = _begun(made, inches=COMPONENT.inches())

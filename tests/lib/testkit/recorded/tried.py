@@ -63,7 +63,11 @@ def as_data(test: Bump, *, files: bool = True) -> dict[str, Any]:
         "beyond": test.beyond_mm,
         "lever": test.lever,
         "expected": test.expected_um,
-    } | ({"files": plain.files(test.files), "restore": plain.files(test.restore)} if files else {})
+    } | (
+        {"files": plain.files(test.files), "restore": plain.files(test.restore)}
+        if files
+        else {}
+    )
 
 
 def _bumped(
@@ -71,13 +75,19 @@ def _bumped(
 ) -> Any:
     return plain.attempted(
         lambda: as_data(
-            bump(controller_named(control), profile or profile_of(control, steps=FINE), function),
+            bump(
+                controller_named(control),
+                profile or profile_of(control, steps=FINE),
+                function,
+            ),
             files=files,
         )
     )
 
 
-def _judged(control: str, function: str, profile: Profile, shares: Sequence[float] = FEW) -> Any:
+def _judged(
+    control: str, function: str, profile: Profile, shares: Sequence[float] = FEW
+) -> Any:
     """Return the verdicts on runs in which the axis moved any share of what was expected, both
     ways, and on runs that go wrong."""
 
@@ -89,7 +99,11 @@ def _judged(control: str, function: str, profile: Profile, shares: Sequence[floa
         moved = sum(
             (
                 correction_um(one, grid)
-                * (times if one.multiplier is None else one.multiplier.at(np.array([lever]))[0])
+                * (
+                    times
+                    if one.multiplier is None
+                    else one.multiplier.at(np.array([lever]))[0]
+                )
                 for one in test.tables
             ),
             0.0 * grid,
@@ -112,8 +126,12 @@ def _judged(control: str, function: str, profile: Profile, shares: Sequence[floa
                     + part * np.where(np.cumsum(np.abs(moved[::-1]))[::-1] > 0, 0.0, stays),
                 )
             )
-        found["reversed"] = said(lambda: verdict(test, grid[::-1], off[::-1], (off + moved)[::-1]))
-        found["short"] = said(lambda: verdict(test, grid[1:-1], off[1:-1], off[1:-1] + moved[1:-1]))
+        found["reversed"] = said(
+            lambda: verdict(test, grid[::-1], off[::-1], (off + moved)[::-1])
+        )
+        found["short"] = said(
+            lambda: verdict(test, grid[1:-1], off[1:-1], off[1:-1] + moved[1:-1])
+        )
         found["two positions"] = said(
             lambda: verdict(test, grid[[0, -1]], off[[0, -1]], off[[0, -1]])
         )
@@ -167,8 +185,8 @@ def cases() -> dict[str, Callable[[], Any]]:
     found["verdict-fanuc"] = lambda: _judged("fanuc", "EXX", plain_fanuc())
     products = lambda: profile_of("siemens", "products = true", steps=FINE)  # noqa: E731
     for function in ("EYX*Z", "EXX*Y", "EZY*X"):
-        found[f"bump-product-{function.replace('*', '-')}"] = lambda function=function: _bumped(
-            "siemens", function, products()
+        found[f"bump-product-{function.replace('*', '-')}"] = lambda function=function: (
+            _bumped("siemens", function, products())
         )
     found["verdict-product"] = lambda: _judged("siemens", "EYX*Z", products(), SHARES)
     found["bump-product-none"] = lambda: {
@@ -294,5 +312,7 @@ def _undecided() -> Any:
     test = bump(controller_named("siemens"), profile, "EXX")
     found = verdict(test, np.linspace(-200.0, 100.0, 7), np.zeros(7), np.zeros(7))
     return plain.attempted(
-        lambda: record(test, found, subject("siemens", profile), date(2026, 5, 4), []).as_toml()
+        lambda: record(
+            test, found, subject("siemens", profile), date(2026, 5, 4), []
+        ).as_toml()
     )

@@ -26,7 +26,15 @@ from testkit import references
 from testkit.recorded import plain
 from testkit.recorded.checked import curve_of, table_of
 from testkit.recorded.profiles import profile_of
-from testkit.recorded.results import LEANING, PLAIN, SHAPES, TURNING, VOLUME, expecting, result_of
+from testkit.recorded.results import (
+    LEANING,
+    PLAIN,
+    SHAPES,
+    TURNING,
+    VOLUME,
+    expecting,
+    result_of,
+)
 
 STEPPED = Law(sense="as-error", between="stepped")
 PROFILE = quick_profile(controller_named("siemens"), VOLUME, 20.0)
@@ -79,7 +87,9 @@ def verdicts(
 ) -> list[Any]:
     """Return the verdict on each table: its code, what is said beside its label, its factor."""
     standing = Standing(
-        before=tuple(before), after=tuple(tables if after is None else after), new=tuple(tables)
+        before=tuple(before),
+        after=tuple(tables if after is None else after),
+        new=tuple(tables),
     )
     on = (
         replace(PROFILE, machine=msgspec.structs.replace(PROFILE.machine, measured_with="on"))
@@ -121,7 +131,9 @@ def _sizes() -> Any:
     for turn in range(0, len(FACTORS), 2):
         made = _changed(
             tables,
-            lambda index, table, turn=turn: table.value_um * FACTORS[(index + turn) % len(FACTORS)],
+            lambda index, table, turn=turn: (
+                table.value_um * FACTORS[(index + turn) % len(FACTORS)]
+            ),
         )
         found[f"{turn}"] = verdicts(made)
     small = result_of(
@@ -130,7 +142,8 @@ def _sizes() -> Any:
     )
     for factor in (-6.0, -1.0, 0.3, 1.0, 2.3, 7.0, 21.0):
         found[f"small {factor:g}"] = verdicts(
-            _changed(asked(small), lambda _, table, factor=factor: table.value_um * factor), small
+            _changed(asked(small), lambda _, table, factor=factor: table.value_um * factor),
+            small,
         )
     sure = replace(
         PLAIN,
@@ -182,7 +195,9 @@ def _shifts() -> Any:
         )
     for ends in ("held", "extended"):
         wide = [
-            replace(each, position_mm=each.position_mm * 1.5, law=replace(each.law, ends=ends))
+            replace(
+                each, position_mm=each.position_mm * 1.5, law=replace(each.law, ends=ends)
+            )
             for each in tables
         ]
         found[f"wider, {ends}"] = verdicts(wide)
@@ -207,7 +222,8 @@ def _mixtures() -> Any:
                 _changed(
                     tables,
                     lambda index, table, own=own, other=other, step=step: (
-                        own * table.value_um + other * tables[(index + step) % len(tables)].value_um
+                        own * table.value_um
+                        + other * tables[(index + step) % len(tables)].value_um
                     ),
                 )
             )
@@ -228,11 +244,14 @@ def _mixtures() -> Any:
     for sign in (1.0, -1.0, 0.8):
         found[f"mirrored {sign:g}"] = verdicts(
             _changed(
-                tables, lambda _, table, sign=sign: sign * by_name[mirrored[table.name]].value_um
+                tables,
+                lambda _, table, sign=sign: sign * by_name[mirrored[table.name]].value_um,
             )
         )
     turning = asked(TURNING)
-    found["one direction"] = verdicts([replace(each, direction=1) for each in turning], TURNING)
+    found["one direction"] = verdicts(
+        [replace(each, direction=1) for each in turning], TURNING
+    )
     found["not known"] = verdicts(
         tables,
         result_of(
@@ -257,7 +276,10 @@ def _slopes() -> Any:
             at, um = table.position_mm[[0, -1]], table.value_um[[0, -1]] * factor
             tables.append(
                 replace(
-                    table, position_mm=at, value_um=um, law=Law(sense="as-error", ends="extended")
+                    table,
+                    position_mm=at,
+                    value_um=um,
+                    law=Law(sense="as-error", ends="extended"),
                 )
             )
         found[f"times {factor:g}"] = verdicts(tables)
@@ -278,14 +300,17 @@ def _products() -> Any:
         name = f"E{product.output_axis}{product.input_axis}"
         tables.append(
             replace(
-                table_of(um, name, at=product.position_mm.tolist(), quantum=0.1), multiplier=times
+                table_of(um, name, at=product.position_mm.tolist(), quantum=0.1),
+                multiplier=times,
             )
         )
     found: dict[str, Any] = {}
     for turn in range(0, len(FACTORS), 2):
         factors = [FACTORS[(index + turn) % len(FACTORS)] for index in range(len(tables))]
         found[f"{turn}"] = verdicts(
-            _changed(tables, lambda index, table, factors=factors: table.value_um * factors[index]),
+            _changed(
+                tables, lambda index, table, factors=factors: table.value_um * factors[index]
+            ),
             LEANING,
         )
     found["not known"] = verdicts(tables[:3], PLAIN)
@@ -335,7 +360,9 @@ def _over_others() -> Any:
         case.unstepped(curve).forward_um.tolist(),
         [case.slope_left_um_mm(curve), case.is_slope],
     ]
-    times = Multiplier(axis="Z", position_mm=np.array([-150.0, 30.0]), value=np.array([-0.5, 1.0]))
+    times = Multiplier(
+        axis="Z", position_mm=np.array([-150.0, 30.0]), value=np.array([-0.5, 1.0])
+    )
     for name, each in {
         "product along": replace(old[0], multiplier=times),
         "product across": replace(
@@ -376,12 +403,17 @@ def _fields() -> Any:
             LEANING, lambda points, factor=factor: factor * right(LEANING)(points)
         )
     found["turned axes"] = of(LEANING, lambda points: right(LEANING)(points)[:, [1, 2, 0]])
-    found["a part"] = of(LEANING, lambda points: right(LEANING)(points) * np.array([1.0, 0.2, 1.0]))
+    found["a part"] = of(
+        LEANING, lambda points: right(LEANING)(points) * np.array([1.0, 0.2, 1.0])
+    )
     found["expected"] = of(expecting(), right(LEANING))
     found["plain"] = of(PLAIN, right(LEANING))
     found["beside"] = of(PLAIN, right(PLAIN), (axes[0] + 120.0, axes[1] - 50.0, axes[2]))
     for um in (0.05, 0.11, 0.5):
-        bowed = lambda points, um=um: um * np.stack([np.sin(points[:, 0] / 40.0)] * 3, axis=-1)  # noqa: E731 - one of three
+
+        def bowed(points, um=um):
+            return um * np.stack([np.sin(points[:, 0] / 40.0)] * 3, axis=-1)
+
         found[f"small {um:g}"] = of(result_of(shapes={}, squareness={}), bowed)
     return found
 
@@ -398,7 +430,9 @@ def _parts() -> Any:
             [grid_points_mm(VOLUME, nodes)[n].tolist() for n in (0, 1, -2, -1)]
             for nodes in (2, 3, 5)
         ],
-        "growing": [growing_um(values, a, b).tolist() for a, b in ((0, 1), (1, 0), (0, 2), (2, 1))],
+        "growing": [
+            growing_um(values, a, b).tolist() for a, b in ((0, 1), (1, 0), (0, 2), (2, 1))
+        ],
     }
 
 
@@ -420,7 +454,9 @@ def _merged() -> Any:
         "of another": [table_of((0.0, 2.0, 5.0, -3.0), "EYX")],
     }
     for direction in ("mean", "both"):
-        profile = profile_of("siemens", machine=f'direction = "{direction}"', steps={"X": 50.0})
+        profile = profile_of(
+            "siemens", machine=f'direction = "{direction}"', steps={"X": 50.0}
+        )
         for name, active in tables.items():
             for which, one in (("plain", curve), ("turned", turned)):
 

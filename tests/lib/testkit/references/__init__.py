@@ -46,7 +46,10 @@ def plain(value: object) -> object:
     """
     if isinstance(value, Message):
         return " ".join(
-            [value.key, *(f"{name}={_argument(item)}" for name, item in value.arguments.items())]
+            [
+                value.key,
+                *(f"{name}={_argument(item)}" for name, item in value.arguments.items()),
+            ]
         )
     if isinstance(value, Finding):
         return {"message": plain(value.message or value.text)} | {
@@ -54,7 +57,8 @@ def plain(value: object) -> object:
         }
     if dataclasses.is_dataclass(value):
         return {
-            field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
+            field.name: plain(getattr(value, field.name))
+            for field in dataclasses.fields(value)
         }
     if isinstance(value, msgspec.Struct):
         return {name: plain(getattr(value, name)) for name in value.__struct_fields__}
@@ -66,7 +70,8 @@ def plain(value: object) -> object:
         return plain(value.tolist())
     if isinstance(value, list | tuple | set | frozenset):
         return [
-            plain(item) for item in (sorted(value) if isinstance(value, set | frozenset) else value)
+            plain(item)
+            for item in (sorted(value) if isinstance(value, set | frozenset) else value)
         ]
     if isinstance(value, np.generic):
         return plain(value.item())
@@ -88,7 +93,8 @@ def refused(call: Call, given: object) -> object:
         return plain(call(given))
     except StepdiagError as error:
         parts = {
-            name: plain(getattr(error, name)) for name in ("where", "expected", "found", "remedy")
+            name: plain(getattr(error, name))
+            for name in ("where", "expected", "found", "remedy")
         }
         return {"refusal": type(error).__name__, **parts}
 
@@ -97,7 +103,9 @@ def rendered(case: Mapping) -> str:
     """Return the text of a case: lists of numbers in one line, the same bytes for the same case."""
     text = json.dumps(case, indent=1, ensure_ascii=False, allow_nan=False)
     return (
-        _SCALARS.sub(lambda found: re.sub(r"\s+", "", found[1]) if found[1] else found[0], text)
+        _SCALARS.sub(
+            lambda found: re.sub(r"\s+", "", found[1]) if found[1] else found[0], text
+        )
         + "\n"
     )
 
@@ -129,7 +137,8 @@ def _within_u(was: Mapping, now: Mapping) -> bool:
         return False
     try:
         value, u = (
-            [np.asarray(each[name], dtype=float) for each in (was, now)] for name in ("value", "u")
+            [np.asarray(each[name], dtype=float) for each in (was, now)]
+            for name in ("value", "u")
         )
     except (TypeError, ValueError):  # of an unknown value
         return False
@@ -176,7 +185,9 @@ def check(path: Path, calls: Mapping[str, Call]) -> None:
     """Fail with every place where the program makes something else of a recorded input than it
     did."""
     case = json.loads(path.read_text(encoding="utf-8"))
-    now = json.loads(rendered({"output": plain(calls[case["call"]](case["input"]))}))["output"]
+    now = json.loads(rendered({"output": plain(calls[case["call"]](case["input"]))}))[
+        "output"
+    ]
     found = list(differences(case["output"], now))
     shown = "\n".join(found[:MOST_NAMED])
     assert not found, f"{path.name} ({case['about']}): {len(found)} differences\n{shown}"

@@ -86,7 +86,10 @@ def raw(said: Any) -> bytes:
 def settings_of(kind: str, said: dict[str, Any]) -> Any:
     """Return the settings, lists as tuples."""
     return SETTINGS[kind](
-        **{name: tuple(value) if isinstance(value, list) else value for name, value in said.items()}
+        **{
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in said.items()
+        }
     )
 
 
@@ -171,7 +174,8 @@ def checksums(told: list[str]) -> Any:
     ]
     made = dict(CHECKSUMS) | {str(plain(crc)): checksum(crc) for crc in others}
     return {
-        name: [each.size, *(each.of(raw(text)) for text in told)] for name, each in made.items()
+        name: [each.size, *(each.of(raw(text)) for text in told)]
+        for name, each in made.items()
     }
 
 
@@ -188,7 +192,9 @@ def frames(told: dict[str, Any]) -> Any:
         parts = list(buffer.feed(raw(chunk)))
         found.append(
             [
-                plain(part.why) if isinstance(part, Junk) else [row.tobytes().hex() for row in part]
+                plain(part.why)
+                if isinstance(part, Junk)
+                else [row.tobytes().hex() for row in part]
                 for part in parts
             ]
         )
@@ -230,7 +236,10 @@ def layout(told: dict[str, Any]) -> Any:
 
 def units(told: list[list[Any]]) -> Any:
     """Return the millimetres of units."""
-    return [plain(mm_per_unit(unit, wavelength_nm, optics)) for unit, wavelength_nm, optics in told]
+    return [
+        plain(mm_per_unit(unit, wavelength_nm, optics))
+        for unit, wavelength_nm, optics in told
+    ]
 
 
 def umd_lines(told: list[Any]) -> Any:
@@ -329,7 +338,9 @@ def signals(told: dict[str, Any]) -> Any:
         )
         try:
             said = reader.decode(ModbusBlock(0, 1, ranges, tuple(map(raw, block["data"]))))
-            told_of = {name: value for name, value in plain(said).items() if value is not None}
+            told_of = {
+                name: value for name, value in plain(said).items() if value is not None
+            }
             found.append(
                 {
                     "signals": told_of,
@@ -363,9 +374,9 @@ def plan(told: dict[str, Any]) -> Any:
         [*told["runs"], [1, 0, told["stopped"]]] if "stopped" in told else told["runs"]
     )
     specs = {
-        "stopped" if "stopped" in told and at == len(told["runs"]) else f"w{at}-{k}": SignalSpec(
-            **first | {"address": first["address"] + k * stride}
-        )
+        "stopped"
+        if "stopped" in told and at == len(told["runs"])
+        else f"w{at}-{k}": SignalSpec(**first | {"address": first["address"] + k * stride})
         for at, (count, stride, first) in runs
         for k in range(count)
     }

@@ -44,11 +44,24 @@ GROUPS: Mapping[str, tuple[Callable[[], Cases], tuple[str, ...]]] = {
     ),
     "judged": (
         judged.cases,
-        ("all", "EXX", "EZY", "EXZ", "products", "lattice", "beckhoff", "heidenhain", "linuxcnc"),
+        (
+            "all",
+            "EXX",
+            "EZY",
+            "EXZ",
+            "products",
+            "lattice",
+            "beckhoff",
+            "heidenhain",
+            "linuxcnc",
+        ),
     ),
     "checked": (checked.cases, ("standing", "remarks", "kinds-of-laws")),
     "tried": (tried.cases, ("bump", "verdict")),
-    "programmed": (programmed.cases, ("fanuc", "heidenhain", "linuxcnc", "siemens", "profiles")),
+    "programmed": (
+        programmed.cases,
+        ("fanuc", "heidenhain", "linuxcnc", "siemens", "profiles"),
+    ),
     "computed": (computed.cases, ("fits", "columns")),
     "exchanged": (exchanged.cases, ("etalon",)),
     "limited": (limited.cases, ("options", "limits")),
@@ -72,7 +85,9 @@ def group_of(call: str, name: str) -> str:
 def made(call: str, group: str) -> dict[str, Any]:
     """Return what comes of every case of a group."""
     cases = GROUPS[call][0]()
-    return shortened({name: act() for name, act in cases.items() if group_of(call, name) == group})
+    return shortened(
+        {name: act() for name, act in cases.items() if group_of(call, name) == group}
+    )
 
 
 CALLS = {call: lambda given, call=call: made(call, given["group"]) for call in GROUPS}

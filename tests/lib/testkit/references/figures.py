@@ -42,7 +42,11 @@ from stepdiag.solver.standards.iso230 import (
     vdi_3441_figures,
 )
 from stepdiag.solver.standards.iso230_uncertainty import RunSources, expanded_um
-from stepdiag.solver.standards.straightness import reference_line, residuals_um, straightness_um
+from stepdiag.solver.standards.straightness import (
+    reference_line,
+    residuals_um,
+    straightness_um,
+)
 from testkit.references import plain, refused
 
 METHODS = ("end-point", "least-squares", "minimum-zone")
@@ -75,7 +79,10 @@ def _of_air(one):
     }
     lengths = {
         str(done.value): 1e6
-        * (displacement_mm(800.0, index, zero_index=1.00027, dead_path_mm=350.0, done=done) - 800.0)
+        * (
+            displacement_mm(800.0, index, zero_index=1.00027, dead_path_mm=350.0, done=done)
+            - 800.0
+        )
         for done in (
             Done.NOTHING,
             Done.WAVELENGTH,
@@ -88,9 +95,12 @@ def _of_air(one):
         "saturation_pa": saturation_pressure_pa(one["temperature_c"]),
         "edlen_1e9": 1e9 * (index - 1),
         "ciddor_1e9": [
-            1e9 * (ciddor_index(of, one["wavelength_nm"], co2) - 1) for co2 in (350.0, 450.0, 600.0)
+            1e9 * (ciddor_index(of, one["wavelength_nm"], co2) - 1)
+            for co2 in (350.0, 450.0, 600.0)
         ],
-        "shorter_pm": {name: 1e3 * (one["wavelength_nm"] - each) for name, each in wave_nm.items()},
+        "shorter_pm": {
+            name: 1e3 * (one["wavelength_nm"] - each) for name, each in wave_nm.items()
+        },
         "index_u_1e9": 1e9 * index_u(of, one["wavelength_nm"], u),
         "longer_nm": lengths,
     }
@@ -194,7 +204,10 @@ def head(given):
         **detectors,
         **about["lengths"],
         crosstalk=Crosstalk(
-            **{k: tuple(v) if isinstance(v, list) else v for k, v in about["crosstalk"].items()}
+            **{
+                k: tuple(v) if isinstance(v, list) else v
+                for k, v in about["crosstalk"].items()
+            }
         ),
     )
     channels, travel = np.array(given["channels"], dtype=float), np.array(given["travel_mm"])
@@ -208,7 +221,8 @@ def head(given):
     )
     edges = np.array(given["edges"])
     seen = {
-        name: spots(detector, edges[:, :2], edges[:, 2]) for name, detector in detectors.items()
+        name: spots(detector, edges[:, :2], edges[:, 2])
+        for name, detector in detectors.items()
     }
     return {
         "spots": seen,
@@ -233,7 +247,8 @@ def mounts(given):
 
 def _of_mount(mount, given):
     seen = {
-        name: np.array(given[name]) for name in ("position_mm", "straightness_um", "angle_urad")
+        name: np.array(given[name])
+        for name in ("position_mm", "straightness_um", "angle_urad")
     }
     return {"errors": axis_errors(**seen, mount=Mount(**mount["mount"]), line=mount["line"])}
 
@@ -257,7 +272,9 @@ def statistics(given):
         "stability": [
             refused(lambda one: stability(**arrays(one)), each) for each in given["series"]
         ],
-        "comparisons": [refused(lambda one: compare(**one), each) for each in given["comparisons"]],
+        "comparisons": [
+            refused(lambda one: compare(**one), each) for each in given["comparisons"]
+        ],
     }
 
 
@@ -286,7 +303,9 @@ def geometry(given):
     )
     return {
         "setups": [
-            refused(lambda name: {"setup": setup_of(name), "order": setup_of(name).order}, name)
+            refused(
+                lambda name: {"setup": setup_of(name), "order": setup_of(name).order}, name
+            )
             for name in given["setups"]
         ],
         "names": list(SETUP_NAMES),

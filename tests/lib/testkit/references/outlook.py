@@ -45,7 +45,8 @@ def of_volume(result: Result):
         "beside": written(predicted(result, points, -field, beside)),
         "with_u": predicted_with_u(result, result.posterior, points, -field),
         "squares_um2": [
-            np.mean(each, axis=1)[::25] for each in squares_um2(result, points, -field, beside)
+            np.mean(each, axis=1)[::25]
+            for each in squares_um2(result, points, -field, beside)
         ],
         "harmed": [
             [plain(one) | {"times": one.times} for one in harmed(result, points, change)]
@@ -124,7 +125,9 @@ def _forecast(given):
     )
     survey = _plan(given)
     told = _told(forecast(survey, about)) | {
-        "runs_min": [[run_minutes(survey, run), setup_minutes(survey, run)] for run in survey.runs],
+        "runs_min": [
+            [run_minutes(survey, run), setup_minutes(survey, run)] for run in survey.runs
+        ],
         "stops_mm": [run_stops_mm(survey, run)[:5] for run in survey.runs],
     }
     if "asked" in given:

@@ -19,7 +19,11 @@ from stepdiag.base.result.rounding import same_but_for_rounding, steady
 from stepdiag.base.result.typed import read, written
 from stepdiag.base.result.waves import arch_um, hiding_functions, shown_finer_um
 from stepdiag.base.volume import Volume
-from stepdiag.solver.adjustment.diagnostics import scatter_findings, setup_findings, setup_reports
+from stepdiag.solver.adjustment.diagnostics import (
+    scatter_findings,
+    setup_findings,
+    setup_reports,
+)
 from stepdiag.solver.fourdof.detector import DetectorAxis
 from stepdiag.solver.fourdof.head import Head
 from stepdiag.solver.linear.families import class_factors, likely_factors, normal_points
@@ -57,7 +61,15 @@ def _of_head(facts):
     """Return what the head measured of a function, of which only the misclosure, and the
     difference, matter."""
     zero = dict.fromkeys(
-        ("passes", "end_point_um", "least_squares_um", "minimum_zone_um", "u_um", "residual_um"), 0
+        (
+            "passes",
+            "end_point_um",
+            "least_squares_um",
+            "minimum_zone_um",
+            "u_um",
+            "residual_um",
+        ),
+        0,
     )
     facts = {
         name: {"position_mm": [], **value} if name == "difference_um" else value
@@ -96,7 +108,10 @@ def _scattering(found, *, misses_um, noise_um, freedom):
     return replace(
         found,
         scatter=replace(
-            found.scatter, noise_um=noise, freedom_noise=np.full(len(noise), 3.0 * freedom), **sizes
+            found.scatter,
+            noise_um=noise,
+            freedom_noise=np.full(len(noise), 3.0 * freedom),
+            **sizes,
         ),
     )
 
@@ -133,7 +148,8 @@ def _function(one, unit="um"):
 def curves(given):
     """Return how far functions leave the curve through their values, and what is said of that."""
     machines = [
-        {name: _function(one) for name, one in machine.items()} for machine in given["machines"]
+        {name: _function(one) for name, one in machine.items()}
+        for machine in given["machines"]
     ]
     return {
         "arch_um": [
@@ -155,11 +171,15 @@ def warmth(given):
     told = []
     for assumed in map(assumptions, given["assumed"]):
         scales = [
-            {axis: Scale(identified=one["value"] is not None, **one) for axis, one in some.items()}
+            {
+                axis: Scale(identified=one["value"] is not None, **one)
+                for axis, one in some.items()
+            }
             for some in given["scales"]
         ]
         functions = [
-            {name: _angle(*columns) for name, columns in some.items()} for some in given["found"]
+            {name: _angle(*columns) for name, columns in some.items()}
+            for some in given["found"]
         ]
         told.append(
             {
@@ -208,7 +228,10 @@ def _added(given, runs):
     parts = [
         (
             setup,
-            [(number, stop, tuple(position), reading) for number, stop, position, reading in rows],
+            [
+                (number, stop, tuple(position), reading)
+                for number, stop, position, reading in rows
+            ],
         )
         for setup, rows in runs
     ]
@@ -216,7 +239,9 @@ def _added(given, runs):
 
 
 def _written(given, rows):
-    return render_rtl(_table([*given["box"], *rows]), "linear-x", {"Name": " a  b "}).splitlines()
+    return render_rtl(
+        _table([*given["box"], *rows]), "linear-x", {"Name": " a  b "}
+    ).splitlines()
 
 
 def defaults():
@@ -225,10 +250,13 @@ def defaults():
     return {
         "assumptions": Assumptions(),
         "pace": Pace(),
-        "head": Head(psd1_focal_length_mm=300.0, psd2_focal_length_mm=300.0, dead_path_mm=30.0),
+        "head": Head(
+            psd1_focal_length_mm=300.0, psd2_focal_length_mm=300.0, dead_path_mm=30.0
+        ),
         "axis": [curve, curve.curve.shift_um(0.5)],
         "circumstances": {
-            name: getattr(Circumstances(), name) for name in ("chain", "head_u_urad", "shift_mm")
+            name: getattr(Circumstances(), name)
+            for name in ("chain", "head_u_urad", "shift_mm")
         },
         "setup": Run(setup="ppp"),
         "options": {
@@ -247,10 +275,14 @@ def words(given):
     return {
         "steady": [steady(*one) for one in given["steady"]],
         "same": [same_but_for_rounding(*one) for one in given["same"]],
-        "results": [same_result(one.encode(), other.encode()) for one, other in given["results"]],
+        "results": [
+            same_result(one.encode(), other.encode()) for one, other in given["results"]
+        ],
         "defaults": defaults(),
         "added": [refused(lambda runs: _added(given, runs), one) for one in given["added"]],
-        "written": [refused(lambda one: _written(given, one), one) for one in given["written"]],
+        "written": [
+            refused(lambda one: _written(given, one), one) for one in given["written"]
+        ],
         "tables": [
             refused(lambda one: read_table(one[0], "t.csv", ("a",), most_rows=one[1]), one)
             for one in given["tables"]

@@ -64,11 +64,17 @@ def of_result(result: Result, brief=False):
     fields = {field.name: getattr(result, field.name) for field in dataclasses.fields(result)}
     del fields["software"]
     for part in ("errors", "expected", "reversal"):
-        fields[part] = {name: _function(one, name, result) for name, one in fields[part].items()}
-    extra = {name: written(value) for name in MEMBERS if (value := fields.pop(name)) is not None}
+        fields[part] = {
+            name: _function(one, name, result) for name, one in fields[part].items()
+        }
+    extra = {
+        name: written(value) for name in MEMBERS if (value := fields.pop(name)) is not None
+    }
     if brief:
         extra = {
-            name: value for name, value in extra.items() if name not in ("standards", "assumed")
+            name: value
+            for name, value in extra.items()
+            if name not in ("standards", "assumed")
         }
     if "budget" in extra:
         shares = _table(extra["budget"]["shares"])
@@ -104,12 +110,17 @@ def without_words(tree):
 def _function(function: Function, name, result: Result):
     """Return a function's columns, and its positions, unit and slope where they are not those of
     every function."""
-    nodes, unit = result.volume.nodes_mm("XYZ".index(name[2])), "um" if name[1] in "XYZ" else "urad"
+    nodes, unit = (
+        result.volume.nodes_mm("XYZ".index(name[2])),
+        "um" if name[1] in "XYZ" else "urad",
+    )
     same = len(nodes) == len(function.position_mm) and np.allclose(
         nodes, function.position_mm, rtol=0, atol=1e-9
     )
     usual = {"unit": unit, "slope_identified": True} | ({"position_mm": None} if same else {})
-    told = {field.name: getattr(function, field.name) for field in dataclasses.fields(function)}
+    told = {
+        field.name: getattr(function, field.name) for field in dataclasses.fields(function)
+    }
     return {
         key: value
         for key, value in told.items()
@@ -205,7 +216,9 @@ def _rtl(given, change):
     }
     return told | {
         "rows": [str(row) for row in rows],
-        "again": "|".join(render_rtl(readings, setup, {"Machine": "mill  1"}).splitlines()[7:]),
+        "again": "|".join(
+            render_rtl(readings, setup, {"Machine": "mill  1"}).splitlines()[7:]
+        ),
     }
 
 
@@ -275,7 +288,10 @@ def _changed_survey(given, change):
             for number, line in enumerate(lines)
         ]
     result = solved({**base, **told, "readings": lines})
-    return {"codes": " ".join(one.code for one in result.findings), "fit": written(result.fit)}
+    return {
+        "codes": " ".join(one.code for one in result.findings),
+        "fit": written(result.fit),
+    }
 
 
 CALLS = {
@@ -287,10 +303,13 @@ CALLS = {
     **rules.CALLS,
     "solve": lambda given: _of_survey(given, solved(given)),
     "refused-surveys": lambda given: [
-        refused(lambda change: _changed_survey(given, change), one) for one in given["changes"]
+        refused(lambda change: _changed_survey(given, change), one)
+        for one in given["changes"]
     ],
     "readings": lambda given: [
-        refused(lambda lines: render_readings(parse_readings(joined(lines))).splitlines(), one)
+        refused(
+            lambda lines: render_readings(parse_readings(joined(lines))).splitlines(), one
+        )
         for one in given["texts"]
     ],
     "angles": lambda given: [

@@ -79,7 +79,9 @@ def install_wheel(root, folder):
         "--no-deps",
         f"/opt/{wheel.name}",
     )
-    write(root / "opt/stepdiag/lib/python3.11/site-packages/libraries.pth", "/opt/libraries\n")
+    write(
+        root / "opt/stepdiag/lib/python3.11/site-packages/libraries.pth", "/opt/libraries\n"
+    )
 
 
 def built_wheel(folder):
@@ -88,7 +90,15 @@ def built_wheel(folder):
         return next((CHECKOUT / "dist").glob("stepdiag-*.whl"))
     uv = CHECKOUT / ".tools" / "bin" / "uv"
     subprocess.run(
-        [uv if uv.exists() else "uv", "build", "--quiet", "--wheel", "--out-dir", folder, CHECKOUT],
+        [
+            uv if uv.exists() else "uv",
+            "build",
+            "--quiet",
+            "--wheel",
+            "--out-dir",
+            folder,
+            CHECKOUT,
+        ],
         check=True,
         timeout=120,
     )
@@ -108,10 +118,17 @@ def install_units(root, instance, drop_in):
     write(root / "etc/systemd/system/stepdiag@.service.d/test.conf", drop_in)
     for name in ("page", "publish"):
         write(root / f"etc/systemd/system/stepdiag-{name}@.service.d/test.conf", LIBRARIES)
-    write(root / "etc/sysusers.d/stepdiag.conf", (came / "stepdiag.sysusers.conf").read_text())
+    write(
+        root / "etc/sysusers.d/stepdiag.conf", (came / "stepdiag.sysusers.conf").read_text()
+    )
     as_root("systemd-sysusers", f"--root={root}")
-    write(root / "etc/udev/rules.d/90-stepdiag.rules", (came / "90-stepdiag.rules").read_text())
-    write(root / "etc/modules-load.d/stepdiag.conf", (came / "stepdiag.modules.conf").read_text())
+    write(
+        root / "etc/udev/rules.d/90-stepdiag.rules", (came / "90-stepdiag.rules").read_text()
+    )
+    write(
+        root / "etc/modules-load.d/stepdiag.conf",
+        (came / "stepdiag.modules.conf").read_text(),
+    )
     as_root("systemctl", "--quiet", f"--root={root}", "enable", f"stepdiag@{instance}")
 
 
@@ -125,7 +142,17 @@ class Booted:
     def run(self, *command, check=True):
         """Run a command inside; return its standard output."""
         return as_root(
-            "nsenter", "-t", self.pid, "-m", "-u", "-i", "-n", "-p", "-C", *command, check=check
+            "nsenter",
+            "-t",
+            self.pid,
+            "-m",
+            "-u",
+            "-i",
+            "-n",
+            "-p",
+            "-C",
+            *command,
+            check=check,
         )
 
     def show(self, unit):
@@ -138,14 +165,17 @@ class Booted:
         end = time.monotonic() + timeout_s
         while not wanted(seen := self.show(unit)):
             assert time.monotonic() < end, {
-                key: seen.get(key) for key in ("ActiveState", "StatusText", "NRestarts", "Result")
+                key: seen.get(key)
+                for key in ("ActiveState", "StatusText", "NRestarts", "Result")
             } | {"journal": self.journal(unit)[-5:]}
             time.sleep(0.2)
         return seen
 
     def journal(self, unit):
         """Return what a unit has said so far, one object a line."""
-        lines = self.run("journalctl", "--unit", unit, "--output", "cat", "--no-pager").splitlines()
+        lines = self.run(
+            "journalctl", "--unit", unit, "--output", "cat", "--no-pager"
+        ).splitlines()
         return [json.loads(line) for line in lines if line.startswith("{")]
 
 
@@ -232,7 +262,8 @@ def _name_of(pid):
 def _descendants(pid):
     try:
         children = [
-            int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+            int(child)
+            for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
         ]
     except OSError:
         return []

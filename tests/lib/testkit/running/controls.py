@@ -155,7 +155,8 @@ class TncControl:
                     return
                 received += more
                 while (
-                    len(received) >= 8 and len(received) >= 8 + struct.unpack(">L", received[:4])[0]
+                    len(received) >= 8
+                    and len(received) >= 8 + struct.unpack(">L", received[:4])[0]
                 ):
                     end = 8 + struct.unpack(">L", received[:4])[0]
                     letters, data, received = (

@@ -273,7 +273,8 @@ def daemon(survey, *, wait_for=("laser", "machine"), command=STEPDIAG):
 def accept_all(survey):
     """Accept whatever is doubted of a survey (its file or folder) now."""
     for place in dict.fromkeys(
-        each["place"] for each in json.loads(stepdiag("status", survey, "--json").out)["doubts"]
+        each["place"]
+        for each in json.loads(stepdiag("status", survey, "--json").out)["doubts"]
     ):
         done = stepdiag("accept", survey, place, "--reason", "the test has looked at it")
         assert done.code == 0, done.refusal

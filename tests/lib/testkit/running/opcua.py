@@ -39,7 +39,9 @@ def subtyped_values():
 
     def marked(cls, extra=None):
         names = {
-            name: value for name, value in cls.__dict__.items() if not isinstance(value, property)
+            name: value
+            for name, value in cls.__dict__.items()
+            if not isinstance(value, property)
         } | (extra or {})
         return typing.get_type_hints(cls, localns=names, include_extras=True)
 

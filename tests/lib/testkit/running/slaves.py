@@ -30,7 +30,11 @@ class Pty:
         os.write(self.far, data)
 
     def read(self, timeout_s: float) -> bytes:
-        return os.read(self.far, 4096) if select.select([self.far], [], [], timeout_s)[0] else b""
+        return (
+            os.read(self.far, 4096)
+            if select.select([self.far], [], [], timeout_s)[0]
+            else b""
+        )
 
     def close(self) -> None:
         for end in (self.far, self._near):

@@ -52,7 +52,9 @@ def drive_and_replay(place, told=()):
     assert said[-1]["exit_code"] == 0, said[-1]
     result = json.loads((place.round / "result.json").read_text())
     assert all(entry["value"] is not None for entry in result["squareness"].values())
-    code, out, refusal = stepdiag("replay", place.round, "--out", place.folder / "again", "--json")
+    code, out, refusal = stepdiag(
+        "replay", place.round, "--out", place.folder / "again", "--json"
+    )
     assert code == 0, refusal
     compared = json.loads(out)
     assert compared["different"] == compared["rounded"] == compared["missing"] == []

@@ -69,7 +69,10 @@ def _manager(port: serial.Serial, guest: socket.socket) -> PortManager:
 
 
 def _carry(
-    guest: socket.socket, port: serial.Serial, manager: PortManager | None, ended: threading.Event
+    guest: socket.socket,
+    port: serial.Serial,
+    manager: PortManager | None,
+    ended: threading.Event,
 ) -> None:
     while not ended.is_set():
         ready, _, _ = select.select([guest, port.fileno()], [], [], 0.05)

@@ -75,7 +75,9 @@ def test_edlen_gives_the_worked_examples_to_the_last_digit(changes, published):
 
 def test_edlen_gives_the_first_row_of_the_nist_table():
     """NIST Table 1, row 1: 20 C, dry, 633 nm, modified Edlen: 1.000271799."""
-    assert edlen_index(air(humidity_percent=0.0), 633.0) == pytest.approx(1.000271799, abs=5e-10)
+    assert edlen_index(air(humidity_percent=0.0), 633.0) == pytest.approx(
+        1.000271799, abs=5e-10
+    )
 
 
 @pytest.mark.parametrize(
@@ -84,10 +86,14 @@ def test_edlen_gives_the_first_row_of_the_nist_table():
 def test_the_wavelength_in_air_has_the_nist_values(humidity_percent, published_nm):
     """NIST page, 633 nm at 20 C and 101.325 kPa, six decimals of a nanometre."""
     state = air(humidity_percent=humidity_percent)
-    assert 633.0 / refractive_index(state, 633.0, "ciddor") == pytest.approx(published_nm, abs=1e-6)
+    assert 633.0 / refractive_index(state, 633.0, "ciddor") == pytest.approx(
+        published_nm, abs=1e-6
+    )
 
 
-@pytest.mark.parametrize(("temperature_c", "pressure_pa"), [(20.0, 2339.2148), (0.01, 611.6570)])
+@pytest.mark.parametrize(
+    ("temperature_c", "pressure_pa"), [(20.0, 2339.2148), (0.01, 611.6570)]
+)
 def test_saturation_pressure_at_room_temperature_and_triple_point(temperature_c, pressure_pa):
     """IAPWS: 611.657 Pa at the triple point."""
     assert saturation_pressure_pa(temperature_c) == pytest.approx(pressure_pa, abs=1e-3)
@@ -104,10 +110,14 @@ def hp_5528a_index(state):
 def test_two_equations_agree_in_a_machine_hall(temperature_c, pressure_hpa, humidity_percent):
     """Measured over 0-40 C, 90-110 kPa: Edlen and Ciddor within 2.3e-8."""
     state = Air(
-        temperature_c=temperature_c, pressure_hpa=pressure_hpa, humidity_percent=humidity_percent
+        temperature_c=temperature_c,
+        pressure_hpa=pressure_hpa,
+        humidity_percent=humidity_percent,
     )
     assert (
-        abs(refractive_index(state, 633.0, "edlen") - refractive_index(state, 633.0, "ciddor"))
+        abs(
+            refractive_index(state, 633.0, "edlen") - refractive_index(state, 633.0, "ciddor")
+        )
         < 2.5e-8
     )
 
@@ -119,7 +129,9 @@ def test_edlen_agrees_with_the_formula_built_into_an_hp_5528a(
     """Stated to 0.1 ppm; its term for water vapour is the older one, so the two part in hot and
     damp air."""
     state = Air(
-        temperature_c=temperature_c, pressure_hpa=pressure_hpa, humidity_percent=humidity_percent
+        temperature_c=temperature_c,
+        pressure_hpa=pressure_hpa,
+        humidity_percent=humidity_percent,
     )
     assert abs(edlen_index(state, 632.991) - hp_5528a_index(state)) < 1.1e-7
 
@@ -136,9 +148,9 @@ def test_displacement_is_recovered_whatever_the_air_and_the_dead_path(
     assert displacement_mm([vacuum_mm], [n], done=Done.NOTHING, **plain)[0] == pytest.approx(
         truth_mm, abs=1e-9
     )
-    assert displacement_mm([vacuum_mm / n], [n], done=Done.WAVELENGTH, **plain)[0] == pytest.approx(
-        truth_mm, abs=1e-9
-    )
+    assert displacement_mm([vacuum_mm / n], [n], done=Done.WAVELENGTH, **plain)[
+        0
+    ] == pytest.approx(truth_mm, abs=1e-9)
     everything = Done.WAVELENGTH | Done.DEAD_PATH
     assert displacement_mm([truth_mm], [n], done=everything, **plain)[0] == truth_mm
 
@@ -155,7 +167,11 @@ def test_every_stop_gets_the_air_of_its_time():
     index = edlen_index(air(temperature_c=[20.0, 20.5, 21.0]), 633.0)
     assert np.diff(index) * 1e6 == pytest.approx([-0.4775, -0.4775], abs=3e-3)
     standing = displacement_mm(
-        [0.0, 0.0, 0.0], index, zero_index=float(index[0]), dead_path_mm=1000.0, done=Done.NOTHING
+        [0.0, 0.0, 0.0],
+        index,
+        zero_index=float(index[0]),
+        dead_path_mm=1000.0,
+        done=Done.NOTHING,
     )
     assert standing * 1e3 == pytest.approx([0.0, 0.4775, 0.955], abs=6e-3)
 
@@ -164,7 +180,9 @@ def test_index_uncertainty_combines_the_sensitivities():
     """At 633 nm: -0.955 ppm/C, +0.268 ppm/hPa, -0.0085 ppm/% (measured on the published
     equation)."""
     u = index_u(
-        air(), 633.0, AirUncertainty(temperature_c=0.1, pressure_hpa=0.2, humidity_percent=5.0)
+        air(),
+        633.0,
+        AirUncertainty(temperature_c=0.1, pressure_hpa=0.2, humidity_percent=5.0),
     )
     parts = np.array([0.1 * 0.955, 0.2 * 0.268, 5.0 * 0.0085, 0.01])
     assert u * 1e6 == pytest.approx(np.sqrt(np.sum(parts**2)), rel=5e-3)

@@ -27,9 +27,9 @@ def test_each_axis_brings_its_own_temperature(tx, ty, tz):
     grown_mm = size * (1 + alpha * 1e-6 * excess)
     growth = expansion_um([size], direction, alpha, 20.0 + excess)
     assert growth[0] == pytest.approx((grown_mm - size) @ direction * 1e3, abs=1e-6)
-    assert reading_at_20_c_mm([grown_mm @ direction], growth, Done.NOTHING)[0] == pytest.approx(
-        np.linalg.norm(size)
-    )
+    assert reading_at_20_c_mm([grown_mm @ direction], growth, Done.NOTHING)[
+        0
+    ] == pytest.approx(np.linalg.norm(size))
 
 
 def test_temperature_may_change_from_stop_to_stop():
@@ -43,4 +43,6 @@ def test_temperature_may_change_from_stop_to_stop():
 def test_nothing_is_reduced_twice():
     growth = np.array([11.7])
     assert reading_at_20_c_mm([1000.0], growth, Done.EXPANSION).tolist() == [1000.0]
-    assert reading_at_20_c_mm([1000.0], growth, Done.WAVELENGTH) == pytest.approx([1000.0 - 0.0117])
+    assert reading_at_20_c_mm([1000.0], growth, Done.WAVELENGTH) == pytest.approx(
+        [1000.0 - 0.0117]
+    )

@@ -11,12 +11,16 @@ from stepdiag.base.setups import SETUP_NAMES
 from testkit.exact.surveys import DATA, Bench
 
 HEADER = "setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\n"
-GOOD = HEADER + "linear-x,1,0,0,0,0,0\nlinear-x,1,1,10,0,0,10.001\nlinear-x,1,2,20,0,0,20.002\n"
+GOOD = (
+    HEADER + "linear-x,1,0,0,0,0,0\nlinear-x,1,1,10,0,0,10.001\nlinear-x,1,2,20,0,0,20.002\n"
+)
 
 
 def test_the_golden_survey_is_read_as_it_is_shipped():
     """Column `diagonal` for `setup`, no `pass`, further columns, a comment line."""
-    readings = parse_readings((DATA / "golden_stepdiag_separable.csv").read_text(encoding="utf-8"))
+    readings = parse_readings(
+        (DATA / "golden_stepdiag_separable.csv").read_text(encoding="utf-8")
+    )
     assert len(readings) == 4 * 31
     assert set(readings.setup) == {"ppp", "npp", "pnp", "ppn"}
     assert set(readings.pass_number.tolist()) == {1}
@@ -59,7 +63,9 @@ def tables(draw):
 
 
 @given(tables(), st.randoms())
-def test_rendering_and_parsing_are_inverse_and_byte_stable_in_any_order_of_rows(readings, random):
+def test_rendering_and_parsing_are_inverse_and_byte_stable_in_any_order_of_rows(
+    readings, random
+):
     text = render_readings(readings)
     header, *lines = text.splitlines()
     random.shuffle(lines)
@@ -88,14 +94,20 @@ def test_marks_of_other_programs_do_not_matter(disguise):
         (GOOD.replace(",", ";"), "line 1: header: expected columns separated by commas"),
         (GOOD.replace("reading_mm", "reading_um"), "no column reading_mm"),
         (GOOD.replace("pass,", "setup,"), "'setup' twice"),
-        (GOOD.replace("10.001", "10,001"), "line 3: expected 7 fields, found 8; a decimal comma"),
+        (
+            GOOD.replace("10.001", "10,001"),
+            "line 3: expected 7 fields, found 8; a decimal comma",
+        ),
         (
             GOOD.replace("10.001", '"10,001"'),
             "reading_mm: expected a finite number, found '10,001'; write decimals with a point",
         ),
         (GOOD.replace("10.001", "nan"), "line 3: reading_mm: expected a finite number"),
         (GOOD.replace("10.001", "inf"), "line 3: reading_mm: expected a finite number"),
-        (GOOD.replace(",10.001", ""), "line 3: expected 7 fields, found 6; the row was cut off"),
+        (
+            GOOD.replace(",10.001", ""),
+            "line 3: expected 7 fields, found 6; the row was cut off",
+        ),
         (
             GOOD.replace("x,1,2", "x,1,4"),
             (

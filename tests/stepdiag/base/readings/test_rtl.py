@@ -65,7 +65,10 @@ def test_a_file_of_two_runs_is_read_with_its_targets_deviations_and_axis():
 def test_order_and_white_space_do_not_matter():
     blocks = FILE.split("RUNS::\n")
     turned = (
-        "RUNS::\n" + blocks[1].split("EQUIPMENT::")[0].replace(" ", "\t  ") + blocks[0] + "EOF::\n"
+        "RUNS::\n"
+        + blocks[1].split("EQUIPMENT::")[0].replace(" ", "\t  ")
+        + blocks[0]
+        + "EOF::\n"
     )
     assert np.array_equal(
         parse_rtl(turned.replace("\n", "\r\n"), "x.rtl").deviations_um,
@@ -77,7 +80,9 @@ def test_runs_join_a_survey_as_passes_out_and_back():
     rows, setup = rtl_readings(parse_rtl(FILE, "x.rtl"), "", (0.0, 0.0, 0.0), "x.rtl")
     joined = with_runs(diagonals(), [(setup, rows)], "readings.csv")
     passes = {str(key): at for key, at in joined.passes().items()}
-    out, back = (passes[f"linear run X (linear-x), pass {way}"] for way in ("1 out", "2 back"))
+    out, back = (
+        passes[f"linear run X (linear-x), pass {way}"] for way in ("1 out", "2 back")
+    )
     assert joined.position_mm[out, 0].tolist() == [0, 100, 200, 300]
     assert joined.reading_mm[out] == pytest.approx([0.0, 100.0015, 199.998, 300.003])
     assert joined.position_mm[back, 0].tolist() == [300, 200, 100, 0]
@@ -137,20 +142,26 @@ def test_what_has_no_place_is_refused():
 def test_what_is_written_is_read_again(targets, runs, deviations):
     """To the nanometre, in which the file is written."""
     at = sorted(targets)
-    columns = {name: [] for name in ("setup", "pass_number", "stop", "position_mm", "reading_mm")}
+    columns = {
+        name: [] for name in ("setup", "pass_number", "stop", "position_mm", "reading_mm")
+    }
     for run in range(runs):
         order = at if run % 2 == 0 else at[::-1]
         for stop, target in enumerate(order):
             off = deviations[run * 9 + at.index(target)] * 1e-3
             for name, value in zip(
-                columns, ("linear-y", run + 1, stop, [1.0, target, 2.0], target + off), strict=True
+                columns,
+                ("linear-y", run + 1, stop, [1.0, target, 2.0], target + off),
+                strict=True,
             ):
                 columns[name].append(value)
     readings = make_readings(**columns)
     file = parse_rtl(render_rtl(readings, "linear-y", {"Machine": "a\nb"}), "y.rtl")
     rows, setup = rtl_readings(file, "", (1.0, 0.0, 2.0), "y.rtl")
     assert setup == "linear-y"
-    for (key, index), number in zip(readings.passes().items(), range(1, runs + 1), strict=True):
+    for (key, index), number in zip(
+        readings.passes().items(), range(1, runs + 1), strict=True
+    ):
         again = [reading for run, _, _, reading in rows if run == number]
         relative = readings.reading_mm[index] - readings.reading_mm[index[0]]
         assert key.number == number

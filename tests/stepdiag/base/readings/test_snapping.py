@@ -64,7 +64,9 @@ def test_an_axis_without_travel_has_one_target():
 
 def test_a_head_shares_the_targets_of_the_laser():
     target = np.array([-100.0, 33.36, 150.0])
-    found = shared_mm(VOLUME, 0, np.array([-99.95, 33.30, 33.41, 150.0, 222.15, 222.25]), target)
+    found = shared_mm(
+        VOLUME, 0, np.array([-99.95, 33.30, 33.41, 150.0, 222.15, 222.25]), target
+    )
     assert found[:4] == pytest.approx([-100.0, 33.36, 33.36, 150.0])
     assert found[4] == found[5] == pytest.approx(222.2)
 

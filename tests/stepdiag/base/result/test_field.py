@@ -21,7 +21,9 @@ from stepdiag.base.volume import Volume
 VOLUME = Volume(origin_mm=(10.0, -20.0, 5.0), size_mm=(500.0, 400.0, 300.0), increments=4)
 
 
-def a_result(chain: str, values: dict[str, np.ndarray], squareness: dict[str, float]) -> Result:
+def a_result(
+    chain: str, values: dict[str, np.ndarray], squareness: dict[str, float]
+) -> Result:
     nodes = {letter: VOLUME.nodes_mm(axis) for axis, letter in enumerate("XYZ")}
     errors = {
         name: Function(
@@ -39,7 +41,9 @@ def a_result(chain: str, values: dict[str, np.ndarray], squareness: dict[str, fl
         errors=errors,
         setups={},
         findings=(),
-        squareness={name: Quantity(value=squareness.get(name), u=None) for name in SQUARENESS},
+        squareness={
+            name: Quantity(value=squareness.get(name), u=None) for name in SQUARENESS
+        },
         scale={letter: Scale(value=None, u=None, identified=False) for letter in "XYZ"},
     )
 
@@ -48,7 +52,8 @@ def test_squareness_displaces_as_the_contract_says() -> None:
     """Contract 1: dX = -C0Y y, dX = +B0Z z, dY = -A0Z z, from the low corner."""
     corner = np.array([[510.0, 380.0, 305.0]])
     each = {
-        name: error_field_um(a_result("FXYZ", {}, {name: 10.0}), corner)[0] for name in SQUARENESS
+        name: error_field_um(a_result("FXYZ", {}, {name: 10.0}), corner)[0]
+        for name in SQUARENESS
     }
     assert each["C0Y"] == pytest.approx([-4.0, 0, 0])
     assert each["B0Z"] == pytest.approx([3.0, 0, 0])

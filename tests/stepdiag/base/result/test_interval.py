@@ -12,7 +12,11 @@ from stepdiag.base.result.typed import read, read_or_none, written
     ("low", "high", "shown"),
     [
         (1.31, 2.61, ("1.3", "2.7")),
-        (1.3, 2.6, ("1.3", "2.6")),  # what is written exactly stays, whatever the last bit of it
+        (
+            1.3,
+            2.6,
+            ("1.3", "2.6"),
+        ),  # what is written exactly stays, whatever the last bit of it
         (0.1 + 0.2, 3 * 1.1, ("0.3", "3.3")),
         (9.31, 12.01, ("9", "13")),
         (9.99, 10.0, ("9", "10")),
@@ -24,7 +28,8 @@ def test_rounding_never_promises_more(low, high, shown):
     """The high end says how many decimals both have: a tenth below 9.95 µm, none from there on."""
     assert Interval(value_um=low, low_um=low, high_um=high).shown() == shown
     assert (
-        str(Interval(value_um=low, low_um=low, high_um=high).words()) == f"{shown[0]} to {shown[1]}"
+        str(Interval(value_um=low, low_um=low, high_um=high).words())
+        == f"{shown[0]} to {shown[1]}"
     )
 
 
@@ -48,9 +53,9 @@ def test_an_interval_is_read_as_it_is_written():
     have written."""
     whole = Interval(value_um=2.0, low_um=1.0, high_um=3.0)
     assert read(Node(written(whole), "r", "rms_um", strict=True), Interval) == whole
-    assert read(Node({"value": 2.0, "high": 3.0, "low": "one"}, "r", ""), Interval) == Interval(
-        value_um=2.0, high_um=3.0
-    )
+    assert read(
+        Node({"value": 2.0, "high": 3.0, "low": "one"}, "r", ""), Interval
+    ) == Interval(value_um=2.0, high_um=3.0)
     assert [
         read_or_none(Node(strange, "r", ""), Interval)
         for strange in (2, True, None, "2", {}, {"value": "2"}, [2.0])

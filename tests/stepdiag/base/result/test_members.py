@@ -80,7 +80,10 @@ WHOLE = {
         "compensation": "on",
         "active_files": [FILE],
     },
-    "conditions": {"air_temperature_c": [20.0, 20.5], "assumed": {"air_pressure_hpa": 1013.0}},
+    "conditions": {
+        "air_temperature_c": [20.0, 20.5],
+        "assumed": {"air_pressure_hpa": 1013.0},
+    },
     "history": [
         {
             "code": "beam-lost",
@@ -91,7 +94,8 @@ WHOLE = {
     ],
     "volumetric_u_um": 0.5,
     "predicted": {
-        name: {"before": SIZES, "after": SIZES} for name in ("without_rigid_motion", "as_it_is")
+        name: {"before": SIZES, "after": SIZES}
+        for name in ("without_rigid_motion", "as_it_is")
     },
     "fit": {
         "readings": 9,
@@ -207,7 +211,11 @@ MAPS = (
 def document(version=3):
     """Return a result with every member, as JSON."""
     found = json.loads(made_up_result().to_json())
-    return {**found, **json.loads(json.dumps({"setups": SETUPS, **WHOLE})), "version": version}
+    return {
+        **found,
+        **json.loads(json.dumps({"setups": SETUPS, **WHOLE})),
+        "version": version,
+    }
 
 
 def leaves(tree, path=()):
@@ -232,9 +240,9 @@ def at(tree, path):
 
 def shown(path):
     """Return a path as a refusal names it."""
-    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path).lstrip(
-        "."
-    )
+    return "".join(
+        f"[{step}]" if isinstance(step, int) else f".{step}" for step in path
+    ).lstrip(".")
 
 
 @cache
@@ -250,7 +258,9 @@ def other_types(value):
     return [
         one
         for one in every
-        if type(one) is bool or not isinstance(one, same) or (one and isinstance(one, list | dict))
+        if type(one) is bool
+        or not isinstance(one, same)
+        or (one and isinstance(one, list | dict))
     ]
 
 
@@ -392,5 +402,6 @@ def test_the_slips_that_are_there_are_listed():
         "diagonal X-Y-Z- to X+Y+Z+ (ppp), pass 1 out, stop 6"
     ]
     assert (
-        read_or_none(Node({"runs": {**SLIP, "pass": 1.5}}, "r", ""), UnseenSlips) == UnseenSlips()
+        read_or_none(Node({"runs": {**SLIP, "pass": 1.5}}, "r", ""), UnseenSlips)
+        == UnseenSlips()
     )

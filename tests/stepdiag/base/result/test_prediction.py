@@ -8,7 +8,14 @@ from stepdiag.base.result.arches import Between
 from stepdiag.base.result.field import Smoothed, Tabulated, field_of_um, without_rigid_motion
 from stepdiag.base.result.posterior import Posterior
 from stepdiag.base.result.prediction import predicted
-from stepdiag.base.result.result import DISPLACEMENTS, SQUARENESS, Function, Quantity, Result, Scale
+from stepdiag.base.result.result import (
+    DISPLACEMENTS,
+    SQUARENESS,
+    Function,
+    Quantity,
+    Result,
+    Scale,
+)
 from stepdiag.base.volume import Vector, Volume
 
 VOLUME = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=8)
@@ -48,14 +55,19 @@ def smooth(rng: np.random.Generator, size_um: float) -> dict[str, Vector]:
     share = np.linspace(0.0, 1.0, 9)
     return {
         name: size_um
-        * (rng.normal() * np.sin(np.pi * share) + 0.5 * rng.normal() * np.sin(2 * np.pi * share))
+        * (
+            rng.normal() * np.sin(np.pi * share)
+            + 0.5 * rng.normal() * np.sin(2 * np.pi * share)
+        )
         for name in DISPLACEMENTS
     }
 
 
 def rms_um(values: dict[str, Vector]) -> float:
     """Return the root mean square of the smooth machine at the points, without rigid motion."""
-    functions = {name: Smoothed(NODES[name[2]], value[None, :]) for name, value in values.items()}
+    functions = {
+        name: Smoothed(NODES[name[2]], value[None, :]) for name, value in values.items()
+    }
     left = without_rigid_motion(
         VOLUME, POINTS, field_of_um(VOLUME, "FXYZ", functions, {}, POINTS)[0]
     )
@@ -111,7 +123,9 @@ def test_the_curve_between_the_values_keeps_the_mean_square_of_waves(waves: int)
     kept = []
     for phase in np.linspace(0.0, 2 * np.pi, 12, endpoint=False):
         true, known = (np.sin(2 * np.pi * waves * x / 500.0 + phase) for x in (at, nodes))
-        kept.append((np.mean(Smoothed(nodes, known[None, :]).at(at)[0] ** 2), np.mean(true**2)))
+        kept.append(
+            (np.mean(Smoothed(nodes, known[None, :]).at(at)[0] ** 2), np.mean(true**2))
+        )
     share = np.sum(kept, axis=0)
     assert share[0] / share[1] == pytest.approx(1.0, abs=0.1 if waves == 3 else 0.03)
 
@@ -164,7 +178,9 @@ def arched(values: dict[str, Vector], heights_um: Vector) -> Vector:
         at = EVERYWHERE[:, "XYZ".index(name[2])] / SPARSE[name[2]][1]
         share = at % 1.0
         field[:, "XYZ".index(name[1])] += own[at.astype(int)] * 4.0 * share * (1.0 - share)
-    functions = {name: Smoothed(SPARSE[name[2]], value[None, :]) for name, value in values.items()}
+    functions = {
+        name: Smoothed(SPARSE[name[2]], value[None, :]) for name, value in values.items()
+    }
     whole: Vector = field + field_of_um(COARSE, "FXYZ", functions, {}, EVERYWHERE)[0]
     return whole
 
@@ -174,7 +190,9 @@ def test_what_lies_between_few_targets_goes_along_with_what_was_found_or_against
     machine of 40 lies in its interval."""
     rng, held, above = np.random.default_rng(9), 0, 0
     for _ in range(TRIALS):
-        values = {name: np.append(0.0, 6.0 * rng.standard_normal(4)) for name in DISPLACEMENTS}
+        values = {
+            name: np.append(0.0, 6.0 * rng.standard_normal(4)) for name in DISPLACEMENTS
+        }
         field = without_rigid_motion(
             COARSE, EVERYWHERE, arched(values, 2.0 * rng.standard_normal((9, 4)))
         )
@@ -222,5 +240,11 @@ def test_deviations_are_the_offset_the_modes_and_the_rest_value_by_value():
     )
     found = posterior.deviations()
     assert found["EXX"].tolist() == [[1.0, 2.0], *[[0.0, 0.0]] * 4]
-    assert found["EYX"].tolist() == [[0.0, 0.0], [3.0, 4.0], [0.5, 0.0], [0.0, 1.0], [0.0, 0.0]]
+    assert found["EYX"].tolist() == [
+        [0.0, 0.0],
+        [3.0, 4.0],
+        [0.5, 0.0],
+        [0.0, 1.0],
+        [0.0, 0.0],
+    ]
     assert found["C0Y"].tolist() == [[0.0], [0.0], [0.0], [0.0], [5.0]]

@@ -132,7 +132,8 @@ def test_a_function_may_have_two_positions_and_any_distance_between_them():
 @pytest.mark.parametrize("increments", [1, 500])
 def test_a_volume_may_have_as_few_and_as_many_increments_as_any_survey(increments):
     assert (
-        parse_result(changed(["volume", "increments"], increments)).volume.increments == increments
+        parse_result(changed(["volume", "increments"], increments)).volume.increments
+        == increments
     )
 
 
@@ -175,7 +176,9 @@ def test_a_volume_may_have_as_few_and_as_many_increments_as_any_survey(increment
             "errors.EXY.position_mm: expected at least two ascending positions",
         ),
         (
-            changed(["errors", "EXY"], EMPTY | {"position_mm": [3.0], "value": [1.0], "u": [1.0]}),
+            changed(
+                ["errors", "EXY"], EMPTY | {"position_mm": [3.0], "value": [1.0], "u": [1.0]}
+            ),
             "at least two ascending positions",
         ),
         (

@@ -60,7 +60,13 @@ def test_a_stretch_in_which_the_sign_is_turned_is_named_and_no_other(result, axi
 
 @pytest.mark.parametrize(
     ("high_before", "high_after", "worse"),
-    [(4.0, 6.0, True), (6.0, 6.0, False), (8.0, 6.0, False), (None, 6.0, True), (4.0, None, True)],
+    [
+        (4.0, 6.0, True),
+        (6.0, 6.0, False),
+        (8.0, 6.0, False),
+        (None, 6.0, True),
+        (4.0, None, True),
+    ],
 )
 def test_a_stretch_is_worse_only_where_it_reaches_further_than_before(
     high_before, high_after, worse

@@ -108,10 +108,13 @@ class Machine(Timeline):
         while pick < len(t):
             end = min(pick + 4 + pick * 7 % 5, len(t))
             lines = "".join(
-                f"{(k + 65000) % 65536} {value[k]:.6f} {beam[k]:.2f}\r\n" for k in range(pick, end)
+                f"{(k + 65000) % 65536} {value[k]:.6f} {beam[k]:.2f}\r\n"
+                for k in range(pick, end)
             ).encode()
             arrival_ns = (round(t[end - 1] * 1e6) + 1000 + pick * 37 % 400) * 1000
-            if any(arrival_ns >= moment * 1e9 > t[pick - 1] * 1e9 for moment in self.garbage_at):
+            if any(
+                arrival_ns >= moment * 1e9 > t[pick - 1] * 1e9 for moment in self.garbage_at
+            ):
                 lines = b"what is that\r\n" + lines
             if not any(begin <= arrival_ns * 1e-9 < until for begin, until in self.deaf):
                 chunks.append(Chunk("laser", arrival_ns, lines))
@@ -130,7 +133,10 @@ class Machine(Timeline):
             else:
                 blocks.append(
                     ModbusBlock(
-                        send_ns, recv_ns, BLOCK, (self.registers((send_ns + recv_ns) * 0.5e-9, k),)
+                        send_ns,
+                        recv_ns,
+                        BLOCK,
+                        (self.registers((send_ns + recv_ns) * 0.5e-9, k),),
                     )
                 )
         return blocks
@@ -142,16 +148,21 @@ class Machine(Timeline):
         data = bytearray(super().registers(now, heartbeat))
         for name, first, last in (("count", 2, 4), ("stopped", 4, 6), ("position", 8, 20)):
             if name in self.late_s:
-                data[first:last] = super().registers(now - self.late_s[name], heartbeat)[first:last]
+                data[first:last] = super().registers(now - self.late_s[name], heartbeat)[
+                    first:last
+                ]
         if self.running_in:
             times = np.ravel(self.schedule())
             places = np.repeat([stop.position for stop in self.stops], 2, axis=0)
             then = now - self.late_s.get("position", 0.0)
             data[8:20] = struct.pack(
-                ">iii", *(round(float(np.interp(then, times, axis)) * 1e4) for axis in places.T)
+                ">iii",
+                *(round(float(np.interp(then, times, axis)) * 1e4) for axis in places.T),
             )
         (bits,) = struct.unpack(">H", data[4:6])
-        since = next((now - begin for begin, end in self.schedule() if begin <= now < end), None)
+        since = next(
+            (now - begin for begin, end in self.schedule() if begin <= now < end), None
+        )
         if since is not None and any(begin <= since < end for begin, end in self.flicker):
             bits &= ~1
         if self.alarm[0] <= now < self.alarm[1]:
@@ -225,14 +236,19 @@ def log(told: dict[str, Any]) -> Any:
         events = sorted(
             [
                 *events,
-                *(Chunk("air", int(moment * 1e9), text.encode()) for moment, text in told["air"]),
+                *(
+                    Chunk("air", int(moment * 1e9), text.encode())
+                    for moment, text in told["air"]
+                ),
             ],
             key=arrival,
         )
     book, said = PassBook(survey), []
     start = book.start(skip_open_dwell=False)
     if "start" in told:
-        hints = {setup: hint_of(said) for setup, said in told["start"].get("hints", {}).items()}
+        hints = {
+            setup: hint_of(said) for setup, said in told["start"].get("hints", {}).items()
+        }
         start = msgspec.convert(
             msgspec.to_builtins(start) | told["start"] | ({"hints": hints} if hints else {}),
             CaptureStart,
@@ -271,7 +287,9 @@ def _told(outcomes: Iterable[Any]) -> list[Any]:
     said: list[Any] = []
     for each in outcomes:
         if isinstance(each, Finding) and each.setup is None:
-            said.append(brief(each) if each.severity == "error" else f"{each.severity} {each.code}")
+            said.append(
+                brief(each) if each.severity == "error" else f"{each.severity} {each.code}"
+            )
         else:
             said += brief(each) if isinstance(each, CapturedStop) else [brief(each)]
     return said
@@ -291,7 +309,9 @@ def _head_chunks(told: dict[str, Any], machine: Machine) -> list[Chunk]:
         x = max(t - times[index][0], 0.0) / 0.03
         if "angles" in told:
             first, second = (
-                angle + (40.0 - 8.0 * more) / (1.0 + x * x * x * x) + 0.1 * (k * 7919 % 11 - 5)
+                angle
+                + (40.0 - 8.0 * more) / (1.0 + x * x * x * x)
+                + 0.1 * (k * 7919 % 11 - 5)
                 for more, angle in enumerate(told["angles"][index])
             )
             valid = 0 if any(a <= t < b for a, b in told.get("dark", [])) else 3
@@ -352,7 +372,9 @@ source = "fixed"
 def by_laser(told: dict[str, Any]) -> Any:
     """Lay readings before who places stops by the laser alone, in chunks of a tenth of a second."""
     rate_hz, level, rows = told.get("rate_hz", 100), told.get("level_mm", 0.0), []
-    survey = survey_of({"text": SURVEY.format(setup=told.get("setup", "ppp"), rate_hz=rate_hz)})
+    survey = survey_of(
+        {"text": SURVEY.format(setup=told.get("setup", "ppp"), rate_hz=rate_hz)}
+    )
     laser, found = StreamBuffer(laser_decoder(survey)), []
     hint = msgspec.convert(hint_of(told.get("hint", {})), PassHint)
     start = CaptureStart(
@@ -364,7 +386,9 @@ def by_laser(told: dict[str, Any]) -> Any:
         to_mm, move_s, stand_s, beam = [*act, 1.0][:4]
         moves = max(1, int(move_s * rate_hz))
         rows += [(level + (to_mm - level) * (k + 1) / moves, beam) for k in range(moves)]
-        rows += [(to_mm + 2e-4 * ((k * 31) % 7 - 3), beam) for k in range(int(stand_s * rate_hz))]
+        rows += [
+            (to_mm + 2e-4 * ((k * 31) % 7 - 3), beam) for k in range(int(stand_s * rate_hz))
+        ]
         level = to_mm
     size = rate_hz // 10
     for first in range(0, len(rows), size):

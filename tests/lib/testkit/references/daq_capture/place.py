@@ -34,7 +34,9 @@ def route_of(told: dict[str, Any]) -> Route:
         size_mm=tuple(told["size_mm"]),
         increments=told["n"],
     )
-    return make_route(volume, told["setup"], told.get("order", "xyz"), outward=told["outward"])
+    return make_route(
+        volume, told["setup"], told.get("order", "xyz"), outward=told["outward"]
+    )
 
 
 def routes(told: dict[str, Any]) -> Any:
@@ -67,7 +69,9 @@ def routes(told: dict[str, Any]) -> Any:
         ],
         "backward": plain([route.backward_mm(stop, stop + 1) for stop in range(last)]),
         "steps": steps,
-        "kept": [bool(column.flags.writeable) for column in (route.stops_mm, route.nominal_mm)],
+        "kept": [
+            bool(column.flags.writeable) for column in (route.stops_mm, route.nominal_mm)
+        ],
         "base": setup_of(told["setup"]).base,
     }
 
@@ -119,7 +123,8 @@ def finder(told: dict[str, Any]) -> Any:
     count before."""
     survey, found, spots = survey_of(told), [], told["spots"]
     hints = {
-        setup: msgspec.convert(hint_of(said), PassHint) for setup, said in told["hints"].items()
+        setup: msgspec.convert(hint_of(said), PassHint)
+        for setup, said in told["hints"].items()
     }
     for last_count, rows in told["asked"]:
         finds = PassFinder(survey, CaptureStart(hints=hints, last_count=last_count))
@@ -143,7 +148,8 @@ def finder(told: dict[str, Any]) -> Any:
                 said += [
                     *state,
                     " ".join(
-                        f"{stop}:{reading:.4f}" for stop, reading in answer.chain.best.known.items()
+                        f"{stop}:{reading:.4f}"
+                        for stop, reading in answer.chain.best.known.items()
                     ),
                 ]
             else:
@@ -162,7 +168,8 @@ def directions(told: dict[str, Any]) -> Any:
             row = []
             for count in told["counts"]:
                 finds = PassFinder(
-                    survey, CaptureStart(hints={told["setup"]: hint}, last_count=told["last_count"])
+                    survey,
+                    CaptureStart(hints={told["setup"]: hint}, last_count=told["last_count"]),
                 )
                 answer = finds.follow(signals_of({"stop_count": count, "at": spot}), None)
                 assert isinstance(answer, Walk)
@@ -185,7 +192,8 @@ def turned(told: dict[str, Any]) -> Any:
             for until in told["untils"]:
                 row += [int(watched_closely(stream, last, until * MS))]
                 row += [
-                    last_beyond_ns(stream, last, towards, until * MS) for towards in (1.0, -1.0)
+                    last_beyond_ns(stream, last, towards, until * MS)
+                    for towards in (1.0, -1.0)
                 ]
             found.append(row)
     return plain(found)

@@ -41,7 +41,9 @@ def conditions(told: dict[str, Any]) -> Any:
             plain(each) for each in (*judged.remarks, *judged.doubted)
         ]
         found += [
-            plain([*believed, *(each.value for each in kept), *(each.time_s for each in kept)]),
+            plain(
+                [*believed, *(each.value for each in kept), *(each.time_s for each in kept)]
+            ),
             *words,
         ]
     return {"needed": needed_conditions(survey), "stops": found}
@@ -78,7 +80,9 @@ def remarks(told: dict[str, Any]) -> Any:
     """Play heartbeats, alarms, and what streams say."""
     pulse, beats = Pulse(), []
     for value, send_ms, recv_ns in told["beats"]:
-        said = pulse.take(Signals(heartbeat=value), ModbusBlock(send_ms * MS, recv_ns, (), ()))
+        said = pulse.take(
+            Signals(heartbeat=value), ModbusBlock(send_ms * MS, recv_ns, (), ())
+        )
         beats.append(plain([said, pulse.still, pulse.beat_ns, pulse.for_s(recv_ns)]))
     alarms: list[Any] = []
     for route, expected in told["walks"]:

@@ -56,7 +56,13 @@ def windows(told: list[list[Any]]) -> Any:
         doubts = [against_itself(position_mm, made, step_um) for step_um in (0.02, 0.021)]
         found.append(
             [
-                [*figures, made.used, made.rejected, made.duration_s, step_in_um(position_mm)],
+                [
+                    *figures,
+                    made.used,
+                    made.rejected,
+                    made.duration_s,
+                    step_in_um(position_mm),
+                ],
                 left_out,
                 *doubts,
             ]
@@ -73,7 +79,9 @@ def plateaus(told: list[dict[str, Any]]) -> Any:
             find_plateaus(span.time_ns, span.position_mm, at_least_s)
             for at_least_s in each["at_least_s"]
         ]
-        found.append([[[one.from_ns, one.to_ns, one.level_mm] for one in those] for those in seen])
+        found.append(
+            [[[one.from_ns, one.to_ns, one.level_mm] for one in those] for those in seen]
+        )
     return plain(found)
 
 
@@ -124,8 +132,12 @@ def taken(told: dict[str, Any]) -> Any:
         time_ns = 2e9 + np.arange(count) * (seconds * 1e9 / max(count - 1, 1))
         mm = 3.0 + 1e-4 * (np.arange(count) % 3)
         beam = np.where(np.arange(count) % 2, 0.5, np.nan)
-        span = Span(time_ns=time_ns, position_mm=mm, beam=beam, channels=None, unusable=unusable)
-        found.append(_taken(take(span, 2e9, 2e9 + seconds * 1e9, rules_of(told), resolution_um)))
+        span = Span(
+            time_ns=time_ns, position_mm=mm, beam=beam, channels=None, unusable=unusable
+        )
+        found.append(
+            _taken(take(span, 2e9, 2e9 + seconds * 1e9, rules_of(told), resolution_um))
+        )
     return found
 
 
@@ -142,14 +154,18 @@ def dwells(told: dict[str, Any]) -> Any:
         found.append([brief(closed), brief(tracker.open)])
     return {
         "steps": found,
-        "counts": [[before, after, count_steps(before, after)] for before, after in told["counts"]],
+        "counts": [
+            [before, after, count_steps(before, after)] for before, after in told["counts"]
+        ],
     }
 
 
 def _stood(told: list[Any]) -> Dwell:
     """Return a dwell of ``[from ms, to ms, not before ms, count, x in mm]``."""
     from_ms, to_ms, before_ms, count, x_mm = [*told, *(None, 1, 0.0)[len(told) - 2 :]][:5]
-    signals = signals_of({"stop_count": count} | ({} if x_mm is None else {"at": [x_mm, 0.0, 0.0]}))
+    signals = signals_of(
+        {"stop_count": count} | ({} if x_mm is None else {"at": [x_mm, 0.0, 0.0]})
+    )
     before_ns = None if before_ms is None else before_ms * MS
     return Dwell(
         from_ns=from_ms * MS,
@@ -249,7 +265,11 @@ def heads(told: dict[str, Any]) -> Any:
             found[-1] += [plain([each.reason for each in view.breaks])]
             for one in certain_windows(view, dwell, rules_of(told)):
                 found.append(
-                    brief(make_head_stop(route, 1, dwell.signals, one, head, laser, 5_000_000_000))
+                    brief(
+                        make_head_stop(
+                            route, 1, dwell.signals, one, head, laser, 5_000_000_000
+                        )
+                    )
                 )
                 found.append(make_stop(route, 2, dwell.signals, one, None, 0).channels)
         found.append([plain(each) for each in troubles(head, dwell)])

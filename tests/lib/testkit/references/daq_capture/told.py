@@ -66,7 +66,9 @@ PARTS: dict[str, Any] = {
     "line": lambda count, first, step: [first + step * k for k in range(count)],
     "fading": _fading,
     "turns": lambda count, *values: [values[k % len(values)] for k in range(count)],
-    "sum": lambda *columns: [sum(values) for values in zip(*map(series, columns), strict=True)],
+    "sum": lambda *columns: [
+        sum(values) for values in zip(*map(series, columns), strict=True)
+    ],
     "scaled": lambda first, factor, told: [first + factor * each for each in series(told)],
     "with": _changed,
 }
@@ -99,10 +101,17 @@ class Told:
         self._arrival_ns = self._time_ns + np.array(
             series(told["late_ns"]) if "late_ns" in told else 0
         )
-        self._mm, self._usable = mm, ~np.isin(np.arange(count), series(told.get("unusable", [])))
-        beam = np.array(series(told["beam"]) if "beam" in told else [-1.0] * count, dtype=float)
+        self._mm, self._usable = (
+            mm,
+            ~np.isin(np.arange(count), series(told.get("unusable", []))),
+        )
+        beam = np.array(
+            series(told["beam"]) if "beam" in told else [-1.0] * count, dtype=float
+        )
         self._beam = np.where(beam < 0, np.nan, beam)
-        self._flags = np.array(series(told.get("flags", [["same", count, 0]])), dtype=np.uint16)
+        self._flags = np.array(
+            series(told.get("flags", [["same", count, 0]])), dtype=np.uint16
+        )
         self._channels = (
             np.array([series(column) for column in told["channels"]], dtype=float).T
             if "channels" in told
@@ -148,7 +157,8 @@ def signals_of(told: dict[str, Any]) -> Signals:
     more = {name: value for name, value in told.items() if name != "at"}
     place = dict(zip(("x_mm", "y_mm", "z_mm"), told.get("at", ()), strict=False))
     return Signals(
-        **place | {name: float("nan") if value == "nan" else value for name, value in more.items()}
+        **place
+        | {name: float("nan") if value == "nan" else value for name, value in more.items()}
     )
 
 
@@ -185,7 +195,9 @@ def stop_of(told: dict[str, Any]) -> CapturedStop:
 def hint_of(told: dict[str, Any]) -> dict[str, Any]:
     """Return a hint as `PassHint` reads it."""
     known = {int(stop): reading for stop, reading in told.get("known", {}).items()}
-    return told | {"known": known} | ({"turn": stop_of(told["turn"])} if "turn" in told else {})
+    return (
+        told | {"known": known} | ({"turn": stop_of(told["turn"])} if "turn" in told else {})
+    )
 
 
 def survey_of(told: dict[str, Any]) -> Survey:
