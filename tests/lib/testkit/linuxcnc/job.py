@@ -173,7 +173,10 @@ def still_missing(folder: Path, log: Path, driven: int) -> str:
             if len(ended) >= driven
             else []
         )
-        found = re.search(r"the program of ([a-z0-9+-]+)", waits[-1]) if waits else None
+        program = (
+            r"the program of (?:[^()]*\()?([a-z0-9+-]+)"  # a diagonal: by its corners first
+        )
+        found = re.search(program, waits[-1]) if waits else None
         return found[1] if found else ""
 
     until(lambda: bool(wanted()) or (folder / "result.json").exists(), log, 300.0)
