@@ -29,8 +29,8 @@ class Begun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def ask_to_begin(folder: Path, setup: str, name: str) -> None:
-    """Append the announcement; it is on disk when this returns. Raises UsageError where the file
-    cannot be written.
+    """Append the beginning of a setup to the file; it is on disk when this returns. Raises
+    UsageError where the file cannot be written.
     """
     append_line(
         folder / BEGUN, msgspec.json.encode(Begun(setup=setup, name=name, time_s=time.time()))

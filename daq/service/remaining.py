@@ -37,10 +37,10 @@ def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveSt
     """Return the open passes of the plan, in the order of driving; empty if every pass is complete
     and free of doubts.
 
-    A pass counts from the stop where it continues. Its minutes are the minutes of its stops at the
-    measured pace (as planned before the first measurement). The first pass of a setup that is not
-    set up yet includes the setting up, with the time of earlier ones. ``running`` is the setup that
-    the machine drives now.
+    A pass counts from the stop where it continues. Its minutes are those of its stops at the
+    measured pace, and at the planned pace until a pass is measured. The first pass of a setup
+    that is not set up yet includes the setting up, with the time of earlier ones. ``running``
+    is the setup that the machine drives now.
     """
     plan = survey.plan
     standing = book.last.setup if book.last is not None else ""

@@ -61,7 +61,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """The tables of an export, with the remarks of the planning.
+    """The planned tables of an export, with remarks about the plan.
 
     ``listed`` are tables without a file: the report shows them for entering by hand. ``options``
     are the profile's options with every choice of the planning, None without choices; ``render``

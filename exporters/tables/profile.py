@@ -202,9 +202,7 @@ class Profile:
 
     @property
     def zone(self) -> dict[str, tuple[float, float]]:
-        """Return, by axis, the part of the travel with the best fit of the tables, for axes with a
-        zone.
-        """
+        """Return the part of its travel in which the tables fit best, for each axis with a zone."""
         return {
             letter: axis.working_mm
             for letter, axis in self.axes.items()

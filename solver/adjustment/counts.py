@@ -217,7 +217,8 @@ class _Among:
 class _Known:
     """Yield A C A' among the rows of each count.
 
-    The counts of repeats differ only in unknowns that all their rows share, their zero and drift: A
+    Two counts of the same pass, repeated, differ only in their zero and drift, each of which is
+    common to all rows of its count: A
     = B + D, and B C B' is computed once for all of them, as long as they follow each other.
     """
 

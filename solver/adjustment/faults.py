@@ -119,7 +119,7 @@ def most_suspicious(fit: MixedFit, columns: Columns, every: Counts) -> Suspicion
     if not found or found[0].odds <= np.log(ODDS):
         return None
     kept = [one for one in found if one.odds > found[0].odds - np.log(ODDS)]
-    # the way and the place of a pass's wandering are a single explanation: this pass
+    # a wandering pass explains its own single stops and steps, too: all are one explanation
     if kept[0].kind == WALK:
         kept = [
             kept[0],

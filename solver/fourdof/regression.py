@@ -65,7 +65,7 @@ LINEAR = 1e-3
 increase the weight of its rows beyond that.
 """
 JOG_UM = 1.0
-"""Start of the search for the miss of a jog, in um of the spot."""
+"""Start of the search for the error of a jog's length, in um of the spot on the detector."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -162,7 +162,7 @@ class Normal:
 
     @property
     def diagonal(self) -> Vector:
-        """Return the diagonal, shape (count,)."""
+        """Return the diagonal of the matrix, shape (count,)."""
         return np.concatenate([np.diag(block) for block in [*self.own, self.border]])
 
     def scaled(self, scale: Vector) -> "Normal":

@@ -164,7 +164,8 @@ def _positions(
 def _axis(
     layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool_], waves: float
 ) -> AxisBetween:
-    """Return the bridges of the cells at positions, with a largest number of components in each."""
+    """Return the deviations of an axis between its targets, in each cell (two neighbouring
+    targets) of the positions, with at most ``waves`` half waves a cell."""
     steps = (
         (position_mm - layout.volume.origin_mm[axis])
         / layout.volume.length_mm[axis]

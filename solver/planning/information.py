@@ -187,8 +187,8 @@ class Machinery:
     turning: NDArray[np.bool_]
 
     def precision(self, u: Vector | None = None, angles: float = 1.0) -> Vector:
-        """Return the matrix Q of usual sizes for other sizes, with the angles multiplied by a
-        factor, shape (q, q).
+        """Return the prior covariance Q of the causes, shape (q, q), with the usual sizes of the
+        angles multiplied by a factor.
         """
         scaled = self.usual / (self.usual_u if u is None else u)[:, None]
         # no reading shows the rotation of the machine as a whole, and no figure contains it: it may

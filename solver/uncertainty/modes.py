@@ -124,8 +124,8 @@ def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> ByS
 
     Directions that the readings determine equally well, within a factor of two, are joined and
     factored like any covariance: the choice of an eigenvalue decomposition between equal directions
-    depends on rounding. The dependence of their most likely amounts on the size is a mode per
-    group.
+    depends on rounding. Each group of joined directions has one further mode: the change of its
+    most likely amounts with the size of the causes.
     """
     unseen = family.seen * np.max(family.factor) ** 2 < UNSEEN
     octave = np.floor(np.log2(np.where(unseen, 1.0, family.seen)))

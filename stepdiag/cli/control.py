@@ -370,9 +370,9 @@ def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str
     """Return the active files, and the names of the ignored files: notes for people, and restore
     files beside their originals.
 
-    A folder means the set that an export wrote into it; a file that belongs to no control and is
-    not a note is refused by its name. Raises DataError without a file for a control, SafetyError
-    for a changed set.
+    A folder means the set that an export wrote into it; the refusal of a file that belongs to no
+    control and is no note names it. Raises DataError without a file for a control, SafetyError for
+    a changed set.
     """
     from stepdiag.exporters.export.written import REPORT
     from stepdiag.exporters.files.naming import is_restore

@@ -135,8 +135,9 @@ class _Columns:
         self.stated = cache(lambda code: stated(self.words["conditions"][code]))
 
     def nodes(self, rows: NDArray[np.int64]) -> tuple[Array, Array, Array] | None:
-        """Return positions, values and uncertainties where all rows have the same nodes, shapes
-        (nodes,) and (rows, nodes)."""
+        """Return positions, values and uncertainties, shapes (nodes,) and (rows, nodes), if all
+        rows have the same nodes.
+        """
         _, begins = self.lists["values"]
         counts = begins[rows + 1] - begins[rows]
         if np.any(counts != counts[0]):

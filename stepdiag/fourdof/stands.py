@@ -38,8 +38,8 @@ class CommissioningRun:
 
 
 def commissioning_run(replayed: Replayed) -> CommissioningRun:
-    """Return the standstills between the stops of the head's run. Raises DataError without such a
-    run, or for runs of several axes.
+    """Return where the axis stood in the head's run: at its stops, and at each jog beside them.
+    Raises DataError without such a run, or for runs of several axes.
     """
     section = replayed.survey.head
     outcomes = [

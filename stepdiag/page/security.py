@@ -41,8 +41,8 @@ MOST_SESSIONS = 100
 MOST_ADDRESSES = 1000
 """Largest number of addresses whose failures are counted; the oldest are removed first."""
 GUESSES = 10
-"""Number of wrong tokens from an address after which the machine's page shows them, and again at
-each tenfold number.
+"""The machine's page warns of this number of wrong tokens from one address, and of 10, 100, ...
+times the number.
 """
 DELAY_S, LONGEST_DELAY_S = 0.5, 5.0
 """A wrong token is answered with a delay that grows each time."""

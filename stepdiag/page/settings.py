@@ -38,9 +38,9 @@ def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
     if certificate is not None and key is not None:
         _refuse_no_certificate(certificate, key, survey_file.name)
     folder = survey.folder(survey_file).resolve()
-    with suppress(
-        OSError
-    ):  # the daemon says why, in its turn; the page is shut out of what is not there when it starts
+    # the daemon reports a refusal; a folder that does not exist when the page starts stays closed
+    # to it
+    with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
     return PageSettings(
         folder=str(folder),

@@ -41,7 +41,7 @@ from stepdiag.solver.model.reported import SCALE_SUM
 from stepdiag.texts.texts import Language, catalogue, localised
 
 _BETWEEN = re.compile(r"(<(?:td|th|text|li|p|h3|figcaption|title)(?: [^<>]*)?>)([^<>]+)<")
-"""The texts for the reader: right behind these tags."""
+"""The texts that a person reads follow these tags."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,9 +13,10 @@ from stepdiag.base.volume import Vector
 
 
 class Between(NamedTuple):
-    """Possible deviations of functions from the curve through their values: the height of an arch
-    and the pair of its values (functions, N), the component that is moved (functions,), and
-    standard deviations in the middle (draws, functions).
+    """Possible deviations of functions from the curve through their values, an arch between each
+    two values: ``arch`` (functions, N) is its height at each point for a height of one, ``cell``
+    (functions, N) the number of the pair of values, ``component`` (functions,) the component of
+    the error, ``size_um`` (draws, functions) the standard deviation in the middle of an arch.
     """
 
     arch: Vector

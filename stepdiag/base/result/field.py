@@ -110,8 +110,8 @@ def _of_many(functions: Tabulated | Smoothed, points_mm: Vector) -> Vector:
 
 
 def evenly(position_mm: Vector) -> Vector:
-    """Return equally spaced positions over the same range, no further apart than these are at
-    most.
+    """Return equally spaced positions over the range of some positions, with a spacing of at most
+    the largest of theirs.
     """
     low, high = position_mm[0], position_mm[-1]
     even: Vector = np.linspace(

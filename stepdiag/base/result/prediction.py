@@ -27,7 +27,7 @@ from stepdiag.base.volume import Vector
 
 DRAWS, FOR_LARGEST = 2000, 250
 VOLUMETRIC_RMS, VOLUMETRIC_LARGEST = "volumetric_rms_um", "volumetric_largest_um"
-"""Names of their tolerances (`Result.tolerance`)."""
+"""Names of the tolerances of the root mean square and of the largest error (`Result.tolerance`)."""
 TAIL = 0.02275
 """Probability beyond k = 2 on either side."""
 BELOW = 0.005
