@@ -65,7 +65,7 @@ def check_values(case: Case) -> Iterator[Finding]:
         limits = case.profile.limits.at(_travel_mm(table))
         largest = float(np.max(np.abs(_net_um(case, table))))
         own = case.controller.limits(table, case.profile).value_um
-        limit = min(limits.value_um, own or np.inf)
+        limit = min(limits.value_um, _most(own))
         if largest > limit:
             yield error("value-large.limit", label=table.label, um=largest, limit_um=limit)
         elif largest > limits.warn_value_um:
@@ -107,9 +107,7 @@ def check_slope(case: Case) -> Iterator[Finding]:
             yield warning(
                 "slope-steep", label=table.label, slope_um_mm=steepest, limit_um_mm=most
             )
-        allowed = np.minimum(
-            own.neighbour_um or np.inf, (own.neighbour_um_mm or np.inf) * spacing
-        )
+        allowed = np.minimum(_most(own.neighbour_um), _most(own.neighbour_um_mm) * spacing)
         if np.any(steps > allowed + _ZERO_UM):
             yield error(
                 "slope-steep.neighbour",
@@ -392,6 +390,11 @@ def _measured_mm(result: Result, table: Table) -> float:
     return (
         result.volume.size_mm[AXES.index(table.input_axis.lower())] / result.volume.increments
     )
+
+
+def _most(limit: float | None) -> float:
+    """Return a limit of a control, infinite without one; a limit of zero is a limit."""
+    return np.inf if limit is None else limit
 
 
 def _net_um(case: Case, table: Table) -> Vector:

@@ -18,6 +18,7 @@ sizes excuse a difference. ``sure_um`` is the part hidden by rounding and the re
 the largest plausible scatter at a single place by these two and a tolerated size.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -35,7 +36,7 @@ SIZED = 0.15
 """Largest share by which a table may differ in size from the right table: rounding stays below it
 in every export.
 """
-SHAPED = 0.4359
+SHAPED = math.sqrt(1.0 - 0.9**2)
 """Largest share of a movement outside the request's shape that counts as the right table in another
 size: a correlation of 0.9, about the residue `SAME` of a table of the right size.
 """

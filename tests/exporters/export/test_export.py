@@ -526,6 +526,7 @@ class TestChecksOnTables:
             "slope-steep.neighbour"
         }
         assert codes_with_limits(table, Limits(neighbour_um=7.9)) == {"slope-steep.neighbour"}
+        assert codes_with_limits(table, Limits(neighbour_um=0.0)) == {"slope-steep.neighbour"}
         assert (
             codes_with_limits(table, Limits(neighbour_um=8.0, neighbour_um_mm=0.08)) == set()
         )
