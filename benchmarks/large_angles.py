@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from benchmarks import explained
 from benchmarks.exact import ExactModel, left_um
 from stepdiag.base.readings.readings import Readings
+from stepdiag.base.volume import rms
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.physics.machine import Machine
 from stepdiag.virtual.physics.optics import perpendiculars
@@ -110,16 +111,12 @@ def line(row: explained.Row, seeds: Sequence[int]) -> str:
         beside.append(left_um(points, truth.error_at(points) - found))
         judged.append(explained.judge(row, seed, 1.0))
     told = [one.after for one in judged if one.after]
-    left, plainly = (_rms(each) for each in ([one.true for one in told], beside))
+    left, plainly = (rms(np.array(each)) for each in ([one.true for one in told], beside))
     inside = sum(one.low <= one.true <= one.high for one in told)
     return (
         f"| {row.name} | {left:.2f} | {plainly:.2f} | {left / plainly:.2f} | {inside} of "
         f"{len(told)} | {sum(one.silent for one in judged)} |"
     )
-
-
-def _rms(values: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def main(

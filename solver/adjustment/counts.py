@@ -78,7 +78,7 @@ class Counts:
             [count for count in self.single if count.way == way]
             for way in dict.fromkeys(count.way for count in self.single)
         ]
-        return [_way(self.fixed, driven) for driven in every if _again(driven) > LEAST_ROWS]
+        return [way for driven in every if (way := _way_of(self.fixed, driven)) is not None]
 
 
 def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> Counts:
@@ -143,14 +143,10 @@ def _count(
     )
 
 
-def _again(driven: Sequence[Count]) -> int:
-    """Return the number of targets that the drives of a way reach more than once."""
-    place = np.concatenate([count.place for count in driven])
-    return int(np.count_nonzero(np.unique(place, return_counts=True)[1] > 1))
-
-
-def _way(fixed: Fit, driven: Sequence[Count]) -> Way:
-    """Return a way by the weighted sums of all readings at each target, in the order along it."""
+def _way_of(fixed: Fit, driven: Sequence[Count]) -> Way | None:
+    """Return a way by the weighted sums of all readings at each target, in the order along it; None
+    without more than a handful of targets that its drives reach more than once.
+    """
     rows, target, along_mm = (
         np.concatenate([getattr(count, name) for count in driven])
         for name in ("rows", "place", "along_mm")
@@ -159,8 +155,10 @@ def _way(fixed: Fit, driven: Sequence[Count]) -> Way:
         target, return_index=True, return_inverse=True, return_counts=True
     )
     order = np.argsort(along_mm[first], kind="stable")
-    at = (order[:, None] == place).astype(np.float64)
     again = np.flatnonzero(times[order] > 1)
+    if len(again) <= LEAST_ROWS:
+        return None
+    at = (order[:, None] == place).astype(np.float64)
     # a step before the second target or the last is a wrong first or last one
     steps = again[2:-1]
     weighted = at * fixed.weight[rows]
@@ -218,8 +216,8 @@ class _Known:
     """Yield A C A' among the rows of each count.
 
     Two counts of the same pass, repeated, differ only in their zero and drift, each of which is
-    common to all rows of its count: A
-    = B + D, and B C B' is computed once for all of them, as long as they follow each other.
+    common to all rows of its count: A = B + D, and B C B' is computed once for all of them, as long
+    as they follow each other.
     """
 
     def __init__(self, fixed: Fit) -> None:
