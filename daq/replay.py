@@ -1,4 +1,6 @@
-"""The same survey again from its logs: the code of the live run on the input of the live run."""
+"""Replay of a survey from its logs: the code of the live run processes the input of the live run
+again.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +26,7 @@ from stepdiag.daq.survey.models import Survey
 
 @dataclass(frozen=True, slots=True)
 class ReplayedLog:
-    """One log: its file, its outcomes in order, and its end."""
+    """A replayed log: its file, its outcomes in order, and its end."""
 
     path: Path
     outcomes: tuple[Outcome, ...]
@@ -93,10 +95,10 @@ def replay(
     survey_file: Path | None = None,
     suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = (),
 ) -> Replayed:
-    """Return the contents of the logs of a survey, in the given order; ``survey_file`` replaces a
-    survey file in the logs that cannot be used.
+    """Return the contents of the logs of a survey, in the given order; ``survey_file``, if given,
+    is used instead of the survey file recorded in the logs.
 
-    ``suspicions`` as in `PassBook.foretell`.
+    ``suspicions`` are passed to `PassBook.foretell`.
 
     Raises DataError for a log that is not from this program or belongs to another survey file,
     UsageError for a survey file that cannot be used.

@@ -1,5 +1,5 @@
-"""Wire formats: bytes in, samples out. No input or output, no clock, no exception on the content of
-the bytes.
+"""Wire formats: bytes in, samples out. Decoders read no port and no clock, and no content of the
+bytes raises an exception.
 
 Every decoder offers ``feed(chunk, arrival_ns) -> Samples`` (`daq.timing.samples.Decoder`) and
 ``resync()``, which is called after an interruption of the stream (port reopened): it discards the

@@ -7,10 +7,10 @@ words, a subset of Python's expressions.
     compared   = operand [ ("==" | "!=" | "<" | "<=" | ">" | ">=") operand ]
     operand    = NAME | NUMBER | "latch" "(" NAME ")" | "(" either ")"
 
-A bit is yes or no, a word is a number; an expression that mixes them is refused, with the place of
-the mixture. ``latch(word)`` is the last value of the word that was not 0: a counter that a control
-clears between two stops keeps its number. A value that was not read is unknown, and every result
-that depends on it is unknown.
+A bit is yes or no, a word is a number; an expression that mixes bits and words is refused, and the
+error names the place. ``latch(word)`` is the last value of the word that was not 0: a counter that
+a control clears between two stops keeps its number. A value that was not read is unknown, and so is
+every result that depends on this value.
 
 Python's parser reads the text only after the program has checked every token; Python neither
 compiles nor evaluates the text.
@@ -35,7 +35,7 @@ machine refused.
 """
 MOST_CHARACTERS = 500
 DEEPEST = 20
-"""Levels of brackets and of not."""
+"""Largest depth of an expression, in levels of brackets and of ``not``."""
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>\d+(?:\.\d+)?(?!\w))|(?P<name>[A-Za-z_]\w*)"
     r"|(?P<sign>==|!=|<=|>=|<|>|\(|\)|-)|(?P<odd>\S)|\Z)",
@@ -62,7 +62,7 @@ class Memory:
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A parsed expression; ``names`` are the inputs it needs."""
+    """A parsed expression; ``names`` are the inputs that the expression needs."""
 
     kind: Kind
     names: frozenset[str]
@@ -70,8 +70,8 @@ class Expression:
 
 
 def parse_expression(text: str, kinds: Mapping[str, Kind], where: str) -> Expression:
-    """Return the expression of a text; ``kinds`` are the inputs it may name, ``where`` the field
-    that holds it.
+    """Return the expression parsed from a text. ``kinds`` are the inputs that the text may name;
+    ``where`` is the field of the survey file that holds the text.
 
     Raises UsageError with the place of the first character that is not understood.
     """
@@ -82,8 +82,9 @@ def parse_expression(text: str, kinds: Mapping[str, Kind], where: str) -> Expres
 
 
 class _Text:
-    """The text of an expression: checked token by token, parsed by Python, built of the nodes that
-    the language has."""
+    """The text of an expression: each token is checked, Python parses the text, and the expression
+    is built from the nodes that the language allows.
+    """
 
     def __init__(self, text: str, kinds: Mapping[str, Kind], where: str) -> None:
         self._text, self._kinds, self._where = text, kinds, where
@@ -100,8 +101,8 @@ class _Text:
         return self._built(tree.body)
 
     def _source(self) -> str:
-        """Return the text for Python's parser, each token at its place. Raises UsageError at the
-        first token outside the language.
+        """Return the text for Python's parser, in which every token keeps its position. Raises
+        UsageError at the first token outside the language.
         """
         source, before, levels = [" "] * len(self._text), "", 0
         opened: list[int] = []
@@ -127,7 +128,9 @@ class _Text:
         return "".join(source)
 
     def _built(self, node: ast.expr) -> Expression:
-        """Return the expression of a node. Raises UsageError for a node outside the language."""
+        """Return the expression built from a node of Python's syntax tree. Raises UsageError for a
+        node outside the language.
+        """
         match node:
             case ast.BoolOp(op=op, values=values):
                 sides = [self._of("bit", side) for side in values]
@@ -231,8 +234,9 @@ def _latch(name: str, word: Expression) -> Expression:
 
 
 def _several_bits(sides: Sequence[Expression], *, decided_by: bool) -> Expression:
-    """Return both or either of several bits: a bit equal to ``decided_by`` settles the result, even
-    if another is unknown. Every operand is read, because its latches must be updated.
+    """Return the ``and`` or the ``or`` of several bits: a bit equal to ``decided_by`` decides the
+    result, even if another bit is unknown. Every operand is evaluated, because its latches must be
+    updated.
     """
 
     def value(inputs: Inputs, memory: Memory) -> Value:

@@ -1,8 +1,8 @@
 """Recognition of the sending instrument by its first bytes: every format that needs no description
 in the survey file is tried.
 
-And the messages about a stream without readings: `check` and the journal of the daemon show these
-bytes.
+The module also makes the messages about a stream without readings, which `check` and the journal of
+the daemon show.
 """
 
 from collections.abc import Iterator
@@ -19,10 +19,12 @@ from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.samples import Decoder
 
 LEAST_SAMPLES = 2
-"""Random bytes can give one reading by accident, but not two."""
+"""Least number of readings that recognises a format: random bytes can give one reading by accident,
+but not two.
+"""
 KEPT = 4096
-"""Number of bytes kept from the beginning of a stream, shown and recognised if the stream gives no
-reading.
+"""Number of bytes kept from the beginning of a stream: if the stream gives no reading, these bytes
+are shown, and their format is searched.
 """
 QUOTED = 24
 """Number of bytes shown from a stream without readings."""
@@ -49,10 +51,11 @@ def recognise(heard: bytes) -> str:
 
 
 def senseless(name: Words, heard: bytes, count: int, remark: Words) -> Message:
-    """Return the message of a stream without readings: its beginning, its likely format and the
-    remedy.
+    """Return the message about a stream without readings: the beginning of the stream, its likely
+    format and the remedy.
 
-    ``heard`` are its first bytes of ``count``, ``remark`` the last remark of its decoder.
+    ``heard`` are the first of ``count`` received bytes; ``remark`` is the last remark of the
+    decoder.
     """
     found = remark or message("not-one-reading", count=count)
     looks = recognise(heard)
@@ -67,7 +70,7 @@ def senseless(name: Words, heard: bytes, count: int, remark: Words) -> Message:
 
 
 def refused(name: Words, remark: Words) -> Message:
-    """Return the message of an instrument that answers, but never with a usable reading."""
+    """Return the message about an instrument that answers, but never with a usable reading."""
     return message("stream-refused", stream=name, why=remark or message("reports-error"))
 
 

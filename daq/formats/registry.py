@@ -39,7 +39,7 @@ AIR_FORMATS = ("ptu300", "line")
 
 
 def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: C901, PLR0911 - one a format
-    """Return a fresh decoder of format ``name``: one object a stream.
+    """Return a new decoder of the format ``name``; each stream needs its own decoder.
 
     Raises UsageError for a name outside the formats, or for settings of another format.
     """

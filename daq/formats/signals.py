@@ -1,5 +1,5 @@
-"""Registers -> signals (contract 2): the place of each signal, the requests that read them all, and
-their decoding.
+"""From registers to signals (contract 2): the place of each signal, the requests that read all
+signals, and the decoding of the answers.
 
 A signal is a bit, or a number of one or two registers in any of the four byte orders in use.
 Controls disagree on the order (S7 keeps ABCD, MELSEC swaps the words to CDAB: instruments.md 4.1).
@@ -33,12 +33,13 @@ ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 SignalMap = Mapping[str, "SignalSpec"]
 
 MAX_REGISTERS = 125
-"""The most registers one request may ask for (Modbus application protocol V1.1b3, 6.3)."""
+"""Largest number of registers in one request (Modbus application protocol V1.1b3, 6.3)."""
 MAX_BITS = 2000
-"""The most bits one request may ask for (Modbus application protocol V1.1b3, 6.1)."""
+"""Largest number of bits in one request (Modbus application protocol V1.1b3, 6.1)."""
 MAX_BYTES = 200
-"""The most bytes one range holds where an address is a byte: an S7 answers 222 in its smallest PDU,
-a TNC 255."""
+"""Largest number of bytes in one range of a table in which an address is a byte: an S7 answers 222
+bytes in its smallest PDU, a TNC 255.
+"""
 
 _STRUCT_CODES = {
     "uint16": ">H",
@@ -73,7 +74,9 @@ class SignalSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @property
     def in_byte_table(self) -> bool:
-        """Return whether an address is a byte: in a data block of an S7, in a TNC's memory."""
+        """Return whether an address of the signal's table is a byte, as in a data block of an S7 or
+        in a TNC's memory.
+        """
         return self.table not in (*BIT_TABLES, *REGISTER_TABLES)
 
     @property
@@ -105,7 +108,7 @@ class Signals:
 
     @property
     def commanded_mm(self) -> tuple[float, float, float] | None:
-        """Return the commanded position; None unless all three axes are mapped."""
+        """Return the commanded position in mm; None unless all three axes are mapped."""
         if self.x_mm is None or self.y_mm is None or self.z_mm is None:
             return None
         return self.x_mm, self.y_mm, self.z_mm
@@ -113,8 +116,8 @@ class Signals:
 
 SIGNAL_NAMES = tuple(field.name for field in fields(Signals))
 COUNTED = ("heartbeat", "stop_count", "setup")
-"""Signals that are whole numbers, whatever type the control sends: a control with reals only sends
-them as float32.
+"""Signals that are whole numbers, whatever type the control sends: a control that has only real
+numbers sends them as float32.
 """
 SWITCHED = ("stopped", "running", "alarm")
 """Signals that are yes or no."""
@@ -135,7 +138,9 @@ CONTRACT_SIGNALS: SignalMap = {
     "air_pressure_hpa": SignalSpec(address=12, scale=0.1),
     "relative_humidity_percent": SignalSpec(address=13, scale=0.1),
 }
-"""The contract's default block: holding registers 0 to 13, one request."""
+"""The default places of the signals in the contract: holding registers 0 to 13, read by one
+request.
+"""
 
 
 def plan_reads(
@@ -146,7 +151,7 @@ def plan_reads(
 
     Only adjacent addresses are joined: the control may refuse an address between two signals. A
     range never exceeds the limit of one request, and its end never splits a number. If more than
-    one request is needed, the signals of standing are requested first and last: the machine may
+    one request is needed, the ``standing`` signals are requested first and last: the machine may
     leave between two requests, and only values read while the machine stood belong to a stop.
     """
     ranges = _read_ranges(signals)
@@ -186,7 +191,7 @@ def _joins(last: ReadRange, spec: SignalSpec) -> bool:
 
 
 class SignalDecoder:
-    """Decodes the blocks of one register map.
+    """Decodes the polls of a machine with one register map.
 
     Most polls repeat the previous poll: an unchanged block gives the same object again, and a
     signal with unchanged bytes is not decoded again.
@@ -195,8 +200,8 @@ class SignalDecoder:
     def __init__(
         self, signals: SignalMap, expressions: Mapping[str, Expression] = MappingProxyType({})
     ) -> None:
-        """``expressions`` make further signals out of the inputs, which are the members of
-        ``signals`` that are not signals themselves.
+        """``expressions`` compute further signals from inputs. Inputs are the members of
+        ``signals`` that are not signals of the contract.
         """
         self._signals = signals
         self._expressions = expressions
@@ -211,8 +216,8 @@ class SignalDecoder:
     def decode(self, block: ModbusBlock) -> Signals:
         """Return the signals of one block; a signal whose range was refused (``b""``) is None.
 
-        Raises DataError when an answer has another length than was asked for, or when the block
-        does not hold a mapped signal: it was then read with another register map.
+        Raises DataError if an answer does not have the requested length, or if the block lacks a
+        mapped signal because it was read with another register map.
         """
         if block.ranges is not self._ranges:
             if block.ranges != self._ranges:
@@ -236,8 +241,8 @@ class SignalDecoder:
         return self._decoded
 
     def unanswered(self, block: ModbusBlock) -> tuple[str, ...]:
-        """Return the signals and inputs without a value in a decoded block: the machine refused
-        them.
+        """Return the signals and inputs without a value in a decoded block, because the machine
+        refused to send them.
         """
         return tuple(
             name
@@ -253,7 +258,9 @@ class SignalDecoder:
         return self._kept[name][1]
 
     def _decoded_value(self, name: str, raw: list[bytes]) -> bool | int | float | None:
-        """Return the value of a signal from its bytes in each range that holds it."""
+        """Return the value of a signal. ``raw`` holds its bytes in each range that contains the
+        signal.
+        """
         spec = self._signals[name]
         numbers = [
             _raw_number(spec, own, place)
@@ -267,8 +274,8 @@ class SignalDecoder:
         return _typed(name, numbers[0] * spec.scale + spec.offset)
 
     def _made(self, name: str, data: tuple[bytes, ...]) -> bool | int | float | None:
-        """Return the value of an expression; where a poll reads its inputs twice, yes must be true
-        both times.
+        """Return the value of an expression. If a poll reads its inputs twice, the value is true
+        only if both readings give true.
         """
         expression = self._expressions[name]
         first = expression.value(
@@ -291,7 +298,9 @@ class SignalDecoder:
 
 
 def _typed(name: str, value: float) -> int | float | None:
-    """Return a number in the type of its signal; None if it is not valid."""
+    """Return a number in the type of its signal; None if the number is not valid for this
+    signal.
+    """
     if not math.isfinite(value):
         return None
     return round(value) if name in COUNTED else float(value)
@@ -309,11 +318,13 @@ def _check_lengths(block: ModbusBlock, lengths: tuple[int, ...]) -> None:
 
 
 _Found = tuple[int, int, slice]
-"""A range that holds a signal, the signal's place in it, and its bytes in the answer."""
+"""The index of a range that holds a signal, the signal's place in this range, and the signal's
+bytes in the answer.
+"""
 
 
 def _find(name: str, spec: SignalSpec, ranges: tuple[ReadRange, ...]) -> tuple[_Found, ...]:
-    """Return the places of a signal in the ranges."""
+    """Return the places of a signal in all ranges that hold the signal."""
     places = tuple(
         (index, place := spec.address - asked.address, _cut(spec, place))
         for index, asked in enumerate(ranges)
@@ -331,7 +342,7 @@ def _find(name: str, spec: SignalSpec, ranges: tuple[ReadRange, ...]) -> tuple[_
 
 
 def _cut(spec: SignalSpec, place: int) -> slice:
-    """Return the bytes of an answer that hold a signal."""
+    """Return the slice of an answer's bytes that holds a signal."""
     if spec.in_bit_table:
         return slice(place // 8, place // 8 + 1)
     unit = 1 if spec.in_byte_table else 2
@@ -350,8 +361,8 @@ def _raw_number(spec: SignalSpec, raw: bytes, place: int) -> float:
 
 
 def resolution(spec: SignalSpec, value: float) -> float:
-    """Return the least difference that a signal can show at a value: one count of a whole number,
-    the last bit of a real number.
+    """Return the smallest difference from ``value`` that a signal can show: one count of a whole
+    number, the last bit of a real number.
     """
     if spec.type == "float32":
         return abs(spec.scale) * float(

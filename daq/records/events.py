@@ -3,8 +3,8 @@ changes of the links.
 
 The order of the events is the order of recording and of consumption; a replay passes on the same
 events in the same order and so gives the same result. Every time is the recording host's clock
-(`daq.timing.host_clock`) in nanoseconds. (Structs, because a replay makes millions of them: a tenth
-of the time of frozen dataclasses.)
+(`daq.timing.host_clock`) in nanoseconds. (The events are msgspec structs, because a replay creates
+millions of events: a struct needs a tenth of the time of a frozen dataclass.)
 """
 
 import re
@@ -39,7 +39,7 @@ REGISTER_TABLES = ("holding", "input")
 
 
 def is_table(name: str) -> bool:
-    """Return whether a table with this name exists."""
+    """Return whether a table of the machine with this name exists."""
     return re.match(_TABLE, name) is not None
 
 
@@ -87,8 +87,8 @@ class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
 
 
 class LinkEvent(msgspec.Struct, frozen=True, gc=False):
-    """A link changed its state, or lost bytes: ``lost`` holds the places of the losses, and their
-    number.
+    """A link changed its state, or lost bytes. ``lost`` names the places where bytes were lost, and
+    the number of bytes.
     """
 
     time_ns: int
@@ -99,19 +99,19 @@ class LinkEvent(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def words(self) -> Words:
-        """Return the state in words, and the losses."""
+        """Return the state of the link and its lost bytes, in words."""
         return with_lost(self.detail, self.lost)
 
     @property
     def interrupts(self) -> bool:
-        """Return whether an incomplete line before it must be discarded: after a lost link it must;
-        after silence and lost bytes the line remains open.
+        """Return whether an incomplete text line before this event must be discarded: yes after a
+        lost link, no after silence or lost bytes.
         """
         return self.state == "lost"
 
 
 def with_lost(detail: Words, lost: Sequence[Words]) -> Words:
-    """Return the state of a link in words, and its losses."""
+    """Return the state of a link and its lost bytes, in words."""
     return joined(
         [
             each

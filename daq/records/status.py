@@ -60,8 +60,8 @@ class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
     further: bool = False
 
     def while_open(self, to_drive: Iterable["DriveStatus"]) -> "AheadStatus":
-        """Return this advice, or None if its setup has been recorded meanwhile; the next advice is
-        still being computed.
+        """Return this advice; an empty one if its setup has been recorded meanwhile and the next
+        advice is still being computed.
         """
         stands = (
             self.further or not self.setup or self.setup in {each.setup for each in to_drive}
@@ -80,12 +80,12 @@ class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
     state: Literal["to-do", "running", "done", "again"]
     reason: Words = ""
     doubt: Words = ""
-    """Doubtful stops that are kept, with the reason."""
+    """The doubtful stops of the setup that stay in use, with the reason."""
 
 
 class DriveStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A pass still to drive: its first stop (0: the whole pass), its number of stops, and its time
-    including the setting up.
+    """A pass that must still be driven: its first stop (0: the whole pass), its number of stops,
+    and its time in minutes with the setting up.
 
     ``again``: a driven pass with missing or doubted stops.
     """
@@ -102,9 +102,9 @@ class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
     """A captured stop. ``deviation_um`` is reading - nominal along the beam, corrected for air,
     dead path and the mirror's tilt.
 
-    Both ways of a setup count from the first stop of the way out where one unbroken count joins
-    them (otherwise the way back is joined at the far end), with one sign; ``place`` is the number
-    of the stop on the way out.
+    If one unbroken count joins the outward and the return pass of a setup, the deviations of both
+    start at the first stop of the outward pass; otherwise the return pass is joined at the far end.
+    Both have the same sign. ``place`` is the number of the stop on the outward pass.
     """
 
     setup: str
@@ -192,8 +192,8 @@ class GeometryStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole state for the viewer. Ages are in seconds, so that they do not depend on a reader's
-    clock.
+    """The whole state of the daemon for the viewer. Ages are in seconds, so that they do not depend
+    on a reader's clock.
     """
 
     sequence: int
@@ -206,7 +206,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     expects_setup: str
     """The setup that comes next or runs now; empty when all setups are complete."""
     expects_pass: int = 1
-    """The pass that comes next or runs now, from 1; even passes return."""
+    """Number of the pass that comes next or runs now, from 1; even passes run back."""
     expects_stop: int
     stops_in_pass: int
     program: str = ""
@@ -218,7 +218,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     reading_mm: float | None
     reading_age_s: float | None
     beam: float | None
-    """Beam strength: 0 none, 1 full; None if the instrument does not send it."""
+    """Beam strength from 0 (none) to 1 (full); None if the instrument does not send it."""
     beam_lost: bool
     stopped: bool | None
     stop_count: int | None
@@ -228,9 +228,9 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     laser: LinkStatus
     plc: LinkStatus
     head: LinkStatus | None
-    """The 4-DOF head, where one is configured."""
+    """The link of the 4-DOF head; None without a configured head."""
     air: LinkStatus | None = None
-    """The sensor of air and material, where one is configured."""
+    """The link of the sensor of air and material; None without a configured sensor."""
     air_temperature_c: float | None
     air_pressure_hpa: float | None
     relative_humidity_percent: float | None
@@ -240,8 +240,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     of each axis."""
     tilt_setup: str = ""
     tilt_live: bool = False
-    """The setup of the tilt, and whether its pass is being driven now: between setups the mirror is
-    moved.
+    """``tilt_setup`` is the setup of the mirror tilt. ``tilt_live``: whether a pass of this setup
+    is being driven now; between setups the mirror is moved.
     """
     setups: tuple[SetupStatus, ...]
     stops: tuple[StopStatus, ...]
@@ -249,11 +249,11 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     findings: tuple[FindingStatus, ...]
     seconds_left: float | None
     corrects: tuple[str, ...] = ()
-    """The lines of the survey file changed since its reading: a person may have the logs read with
-    the changed file.
+    """The lines of the survey file changed since the daemon read the file: a person may request
+    that the logs be read again with the changed file.
     """
     to_drive: tuple[DriveStatus, ...] = ()
-    """The passes still to be driven, in order; ``seconds_left`` is its sum."""
+    """The passes still to be driven, in order; ``seconds_left`` is the sum of their times."""
     origin_mm: tuple[float, float, float]
     size_mm: tuple[float, float, float]
     increments: int
@@ -267,25 +267,26 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     strip: StripStatus | None = None
     result_ready: bool
     proof: Severity | None = None
-    """The severity of the verdict of a proof run: info means keep, warning not decided, error
-    restore; None for any other survey, and before its result.
+    """The severity of the verdict of a proof run: ``info`` means that the tables stay, ``warning``
+    that the proof run has not decided, ``error`` that the old tables must be restored. None for any
+    other survey, and before the result.
     """
     recording: bool
     begins: bool = False
     """Whether the operator has to announce each setup: the machine has no signals."""
     ahead: AheadStatus = AheadStatus()
-    """The next pass, by the newest solution."""
+    """The advice on the next pass from the newest solution."""
     waits_in_vain: bool = False
     """Whether the machine waits too long for the handshake; ``message`` names the reason."""
     message: Words = ""
 
 
 class Download(msgspec.Struct, frozen=True, kw_only=True):
-    """A finished file that a person may download. ``name`` is unique, without ``/``, and is what
-    the page shows.
+    """A finished file that a person may download. ``name`` is unique, contains no ``/``, and stands
+    on the page.
 
-    ``bundle`` and ``restore`` are the folder of an export, packed on download; ``group`` is its
-    control.
+    ``bundle`` and ``restore`` are the folder of an export, packed on download; ``group`` is the
+    control of the export.
     """
 
     name: str
@@ -295,7 +296,7 @@ class Download(msgspec.Struct, frozen=True, kw_only=True):
     ]
     size_bytes: int
     sha256: str = ""
-    """Empty where unknown without reading the file."""
+    """SHA-256 of the file; empty if only reading the file would give it."""
     group: str = ""
 
 
@@ -310,8 +311,8 @@ class StatusSource(Protocol):
         """
 
     async def changed(self, sequence: int) -> None:
-        """Return as soon as the snapshot's ``sequence`` differs from the given one; may be
-        cancelled at any time.
+        """Return as soon as the snapshot's ``sequence`` differs from the given number; the call may
+        be cancelled at any time.
         """
 
     def result_file(self) -> Path | None:
@@ -327,7 +328,7 @@ class StatusSource(Protocol):
         """Execute a request of a person with the token.
 
         ``choose-setup`` takes ``setup``; ``name`` takes ``operator`` and ``workpiece``; ``accept``
-        takes ``place`` (of a doubt), ``reason`` and ``name``; ``take`` puts the further setup that
-        is shown into the survey; the others take nothing. Raises UsageError, which names the
-        required state, if the present state does not allow the command.
+        takes ``place`` (of a doubt), ``reason`` and ``name``; ``take`` adds the further setup shown
+        on the page to the survey; all other commands take no arguments. Raises UsageError, which
+        names the required state, if the present state does not allow the command.
         """

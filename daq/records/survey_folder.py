@@ -8,9 +8,9 @@ READINGS = "readings.csv"
 CONCLUSION = "conclusion.json"
 EXPORTS = "exports"
 AHEAD = "ahead.json"
-"""The next passes, after the driven ones."""
+"""File with the next passes to drive."""
 REFUSED = "REFUSED.txt"
-"""Why there are no files for a control; stored in the folder of the files."""
+"""File that states why there are no files for a control; it stands in their folder."""
 
 
 def machine_folder(machine: str) -> str:

@@ -10,27 +10,29 @@ import time
 from dataclasses import dataclass
 
 LOOKS = 5
-"""Number of readings of both clocks, of which the quickest is used: the others may have been
-delayed in between.
+"""Number of attempts to read the host's clock and the time of day together. The quickest attempt is
+used: the others may have been delayed between the two readings.
 """
 STEP_S = 0.5
-"""A time of day that advances more or less than the host's clock by this amount was set; a
-network's clock is followed far more slowly.
+"""Least difference in s between the advances of the time of day and of the host's clock that shows:
+the time of day was set. A time server changes the time of day far more slowly.
 """
 
 
 def now_ns() -> int:
-    """Return the host's clock."""
+    """Return the time of the host's clock in ns."""
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
 def stamp_ns() -> int:
-    """Return the host's clock in whole microseconds, as arrival times are recorded."""
+    """Return the time of the host's clock in ns, cut to whole microseconds, the precision of
+    recorded arrival times.
+    """
     return now_ns() // 1_000 * 1_000
 
 
 def wall_offset_ns() -> int:
-    """Return the time of day minus the host's clock, now."""
+    """Return the time of day minus the time of the host's clock, in ns."""
     looks = [(now_ns(), time.time_ns(), now_ns()) for _ in range(LOOKS)]
     before_ns, wall_ns, after_ns = min(looks, key=lambda look: look[2] - look[0])
     return wall_ns - (before_ns + after_ns) // 2
@@ -56,7 +58,7 @@ class ClockWatch:
         self._asleep_ns = _asleep_ns()
 
     def look(self) -> Look:
-        """Return the steps of the clock and the sleep since the last look."""
+        """Return the change of the time of day, and the computer's sleep, since the last call."""
         seen_ns, offset_ns, asleep_ns = now_ns(), wall_offset_ns(), _asleep_ns()
         moved_s = (offset_ns - self._offset_ns) * 1e-9
         look = Look(

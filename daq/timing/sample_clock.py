@@ -3,8 +3,8 @@
 An instrument's samples are evenly spaced; their arrival is not. Every arrival is the time of the
 sample plus a delay that is never below some minimum. So the line under all points (counter,
 arrival) is the instrument's own clock, late by that minimum delay. A least-squares line would be
-late by the mean delay, which behind a 16 ms USB timer is ten milliseconds (reference: lower
-envelope against dejittering, Graham scan over the points, touching the hull at the mean counter).
+late by the mean delay, which behind a 16 ms USB timer is ten milliseconds. The line touches the
+lower convex hull of the points (Graham scan) at the mean counter.
 """
 
 from collections import deque
@@ -14,14 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 BIN_NS = 250_000_000
-"""One point, the least delayed, is kept for every quarter of a second."""
+"""Of the arrivals in every quarter of a second, only the least delayed is kept as a point."""
 MEMORY_BINS = 480
-"""Two minutes of points: long against the jitter, short against the thermal drift of a quartz."""
+"""The points of two minutes are kept: long compared with the jitter, short compared with the
+thermal drift of a quartz.
+"""
 FREE_SLOPE_SPAN_NS = 10_000_000_000
-"""Below ten seconds the rate from the instrument is better than the slope of the points."""
+"""If the points span less than ten seconds, the rate from the instrument is more accurate than the
+slope of the points.
+"""
 WRONG_RATE_NS, WRONG_RATE_SHARE = 500_000_000, 0.2
-"""No delay is as long, and no quartz as far off: a stated rate that the arrivals contradict by more
-is not the instrument's.
+"""No delay is as long as this time (ns), and no quartz is off by this share: a stated rate that the
+arrivals contradict by more is not the instrument's rate.
 """
 SKIP_BINS = 8
 """If the points of two seconds are all late by most of a sample period, samples were skipped
@@ -71,11 +75,13 @@ def _turns_up(x: NDArray[np.float64], y: NDArray[np.float64], a: int, b: int, c:
 
 
 class SampleClock:
-    """The clock of one segment of a stream: no gap of unknown length, no change of rate.
+    """The clock of one segment of a stream. A segment has no gap of unknown length and no change of
+    rate.
 
     ``rate_hz`` is the rate by the instrument or its data sheet (None: unknown), used while the
     arrivals do not contradict it; ``latency_s`` is the known delay inside the instrument;
-    ``gaps_visible``: a lost sample is counted. Otherwise the clock watches for silent skips.
+    ``gaps_visible``: the instrument's counter counts lost samples too. Otherwise the clock detects
+    samples that were skipped without notice.
     """
 
     def __init__(
@@ -89,8 +95,8 @@ class SampleClock:
         self._period_ns = 1e9 / rate_hz if rate_hz else None
 
     def add(self, counter: int, arrival_ns: int) -> bool:
-        """Take the last sample of a chunk. Returns False where samples were skipped without notice:
-        the earlier points are discarded.
+        """Add the last sample of a chunk. Return False if samples were skipped without notice; the
+        earlier points are then discarded.
         """
         if self._points and counter <= self._points[-1][0]:
             return True
@@ -106,7 +112,9 @@ class SampleClock:
         return True
 
     def times_ns(self, counter: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return sample times, shape like ``counter``. Needs at least one point."""
+        """Return the times of samples in ns, shape like ``counter``. The clock needs at least one
+        point.
+        """
         return self.line().at(counter)
 
     def line(self) -> Line:
@@ -116,7 +124,7 @@ class SampleClock:
         return self._line
 
     def _delay(self, counter: int, arrival_ns: int) -> float:
-        """Return the arrival's lateness up to a constant."""
+        """Return the delay of an arrival in ns, up to a constant common to all arrivals."""
         first_counter, first_ns = self._points[0]
         return (arrival_ns - first_ns) - self._period() * (counter - first_counter)
 

@@ -1,7 +1,7 @@
 """The output of every wire format: samples in columns, and remarks about the stream.
 
-Columns, not objects: a decoder processes blocks of lines and the synchroniser arrays, so that one
-core suffices for a hundred thousand samples a second.
+Samples are columns, not objects: decoders process blocks of lines, and the synchroniser processes
+arrays, so that one processor core suffices for a hundred thousand samples a second.
 """
 
 from collections.abc import Callable, Sequence
@@ -44,8 +44,9 @@ class Flag(IntFlag):
 class Notice:
     """A remark of the stream at sample ``index`` of its batch (the sample that follows the remark).
 
-    ``value`` depends on the code: samples missing for ``gap``, hertz for ``rate``. ``name`` is the
-    condition in an ``environment`` notice, ``why`` a message, or the instrument's own text.
+    ``value`` depends on the code: the number of missing samples for ``gap``, the rate in Hz for
+    ``rate``. ``name`` is the name of the condition in an ``environment`` notice. ``why`` is a
+    message, or the instrument's own text.
     """
 
     code: NoticeCode
@@ -91,8 +92,8 @@ class Samples:
 
 
 class Decoder(Protocol):
-    """One object per stream. Any division of the same bytes gives the same samples, except for the
-    arrival stamps.
+    """Decodes the bytes of one stream. The samples do not depend on the division of the bytes into
+    chunks; only their arrival stamps do.
     """
 
     nominal_rate_hz: float | None
@@ -132,8 +133,8 @@ class SteadyDecoder(Decoder, Protocol):
         """Return the samples that the chunks (bytes, arrival in ns) complete, each stamped with the
         arrival of its own chunk.
 
-        None, and nothing taken, unless `feed` chunk by chunk would give the same samples, without a
-        flag and without a change of the reading of lines.
+        None, without consuming a byte, where `feed`, called chunk by chunk, could give other
+        samples, a flag, or another rule for the decoding of lines.
         """
         ...
 
@@ -155,7 +156,9 @@ class AskingDecoder(PolledDecoder, Protocol):
     """
 
     others: Sequence[tuple[bytes, float]]
-    """Further requests, and the seconds between two equal ones; answered like ``request``."""
+    """Further requests, each with the time in s until it is sent again. Their answers are passed on
+    like the answer to ``request``.
+    """
 
 
 @runtime_checkable
@@ -172,5 +175,7 @@ class RespondingDecoder(Decoder, Protocol):
     """A decoder for an instrument that needs an answer to its data."""
 
     def responder(self) -> Callable[[bytes], bytes]:
-        """Return a function from the bytes received on an open line to their answer."""
+        """Return a function that takes the bytes received on an open line and returns the answer to
+        send.
+        """
         ...

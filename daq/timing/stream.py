@@ -22,19 +22,21 @@ from stepdiag.daq.timing.samples import Decoder, Flag, Notice, Samples, SteadyDe
 
 MEMORY_NS = 90_000_000_000
 MEMORY_SAMPLES = 1_000_000
-"""Samples kept: enough to find a stop that Modbus missed, bounded for fast instruments."""
+"""Largest number of stored samples: enough to find a stop that Modbus missed; the limit bounds the
+memory for fast instruments.
+"""
 HOLD_NS = 1_000_000_000
 HOLD_BYTES = 65_536
-"""Longest time and largest number of bytes that wait for decoding."""
+"""Longest wait in ns of bytes for decoding, and largest number of waiting bytes."""
 ARRIVAL_SLACK_NS = 500_000_000
 """Largest delay between the time of a sample and its arrival."""
 CONTINUITY = Flag.BEAM_LOST | Flag.HEAD_ERROR | Flag.SLEW
-"""After any of these remarks an interferometer has lost its count: readings before and after belong
-to different zeros.
+"""Flags of a sample at which an interferometer has lost its count: the readings before and after
+this sample belong to different zeros.
 """
 LOSS_AT_START = Flag.BEAM_LOST | Flag.SLEW
-"""Before the first good sample a decoder may not have recognised its instrument yet; then only
-these remarks mean a loss.
+"""Flags that mean a lost count already before the first good sample. The other flags may then mean
+that the decoder has not recognised its instrument yet.
 """
 UNUSABLE = (
     CONTINUITY | Flag.DEVICE_ERROR | Flag.PHASE_ERROR | Flag.SATURATED | Flag.OUT_OF_RANGE
@@ -42,21 +44,23 @@ UNUSABLE = (
 
 
 LEAST_STEP_MM = 1e-9
-"""A picometre: smaller differences come from the arithmetic, not from the instrument."""
+"""A picometre in mm: smaller steps between samples come from the arithmetic, not from the
+instrument.
+"""
 UNWATCHED_NS = 500_000_000
 UNWATCHED_PERIODS = 3.0
-"""A beam that is cut and returns within this time without a sample leaves no trace; a shorter gap
-is remarked as such.
+"""A gap between samples longer than both (time in ns, number of sample periods) is a possible loss
+of the count: a beam cut and restored within the gap leaves no trace.
 """
 
 LINE_LOST, NOT_RECORDED = message("line-lost-once"), message("recording-part-missing")
-"""Reason why the laser was unwatched, in words."""
+"""The two reasons why the laser was unwatched, in words."""
 
 
 @dataclass(frozen=True, slots=True)
 class Break:
-    """The count was lost, or may have been lost in an unwatched time: the reason, and the time
-    (arrival).
+    """A loss of the laser's count, or a possible loss in an unwatched time: its reason, and its
+    time (arrival of the chunk after it).
     """
 
     time_ns: int
@@ -77,7 +81,7 @@ class Span:
 
 
 Timed = tuple[Samples, SampleClock]
-"""A batch, and the clock of its times."""
+"""A batch of samples, and the clock that gives their times."""
 
 
 class StreamBuffer:
@@ -119,8 +123,8 @@ class StreamBuffer:
 
     @property
     def resolution_um(self) -> float:
-        """Return the least step between two samples until now: the instrument's resolution after
-        its first movement; infinite before.
+        """Return the smallest step in um between two samples until now. After a first movement this
+        step is the instrument's resolution; before, it is infinite.
         """
         self._settle()
         return self._least_step_mm * 1e3
@@ -140,7 +144,7 @@ class StreamBuffer:
         return self._conditions
 
     def conditions_since(self, time_ns: int) -> Mapping[str, float]:
-        """Return the conditions received after a time."""
+        """Return the values of air and material received after a given time."""
         self._settle()
         return {
             name: value
@@ -150,12 +154,12 @@ class StreamBuffer:
 
     @property
     def last(self) -> Samples | None:
-        """Return the newest batch; None before the first."""
+        """Return the newest batch of samples; None before the first batch."""
         self._settle()
         return self._last
 
     def since(self, arrival_ns: int) -> list[Samples]:
-        """Return the batches whose last sample arrived after a time, in order."""
+        """Return the batches whose last sample arrived after a given time, in order of arrival."""
         self._settle()
         newer = takewhile(
             lambda batch: batch.arrival_ns[-1] > arrival_ns,
@@ -164,7 +168,7 @@ class StreamBuffer:
         return list(newer)[::-1]
 
     def feed(self, chunk: bytes, arrival_ns: int) -> None:
-        """Take bytes."""
+        """Take the bytes of a chunk and the time of its arrival."""
         self._waiting.append((chunk, arrival_ns))
         self._waiting_bytes += len(chunk)
         if (
@@ -184,16 +188,16 @@ class StreamBuffer:
         """Record missing bytes: the incomplete line before the gap does not belong to the bytes
         after it.
 
-        The laser was unwatched even in a short gap: a beam that is cut meanwhile and comes back
-        leaves no trace, with a counter too.
+        The laser was unwatched even in a short gap: a beam that is cut and restored during the gap
+        leaves no trace, even if the instrument counts its samples.
         """
         self._settle()
         self._decoder.resync()
         self._breaks.append(Break(at_ns, reason, watched=False))
 
     def forget_breaks(self) -> None:
-        """Keep the last loss of count and the last unwatched time, for a stream that is followed
-        for weeks and not recorded.
+        """Discard all losses of count but the last certain and the last possible loss: an
+        unrecorded stream may run for weeks.
         """
         if len(self._breaks) > 2:
             self._breaks = list(last_of_each(self._breaks))
@@ -210,8 +214,8 @@ class StreamBuffer:
         return float(newest)
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
-        """Return the usable samples of a closed span of time that had arrived before another
-        time.
+        """Return the usable samples of a span of time, both ends included, that arrived before
+        ``arrived_before_ns``.
         """
         chosen = self._around(from_ns, to_ns)
         if not chosen:
@@ -270,8 +274,8 @@ class StreamBuffer:
         return np.concatenate([batch.flags for batch, _ in near])[inside]
 
     def _around(self, from_ns: float, to_ns: float) -> list[Timed]:
-        """Return the batches that may hold samples of a span, from the newest back: most requests
-        concern new samples.
+        """Return the batches that may hold samples of a span of time. The search begins at the
+        newest batch, because most requests concern new samples.
         """
         self._settle()
         chosen = []
@@ -283,7 +287,7 @@ class StreamBuffer:
         return chosen[::-1]
 
     def _settle(self) -> None:
-        """Decode the waiting chunks."""
+        """Decode all chunks that wait for decoding."""
         if not self._waiting:
             return
         chunks, self._waiting, self._waiting_bytes = self._waiting, [], 0
@@ -307,8 +311,8 @@ class StreamBuffer:
             self._remember(batch, arrival_ns)
 
     def _times(self, batches: list[Timed]) -> NDArray[np.float64]:
-        """Return the times of all samples of at least one batch: one line for all batches of a
-        clock, because a standstill has a batch for every chunk.
+        """Return the times in ns of all samples of the batches (at least one). Batches of the same
+        clock are computed together, because a standstill has a batch for every chunk.
         """
         if self._polled:
             return np.concatenate([batch.arrival_ns for batch, _ in batches]).astype(
@@ -336,7 +340,9 @@ class StreamBuffer:
             self._conditions_ns[notice.name] = arrival_ns
 
     def _new_clock(self, rate_hz: float | None) -> SampleClock:
-        """Return the clock of a new segment; existing batches keep the clock of their times."""
+        """Return the clock of a new segment; earlier batches keep the clock of their own
+        segment.
+        """
         self._rate_hz = rate_hz
         return SampleClock(
             rate_hz, self._decoder.latency_s, gaps_visible=self._decoder.gaps_visible
@@ -367,7 +373,9 @@ class StreamBuffer:
         )
 
     def _forget(self, before_ns: int) -> None:
-        """Discard chunks from before a time, and chunks beyond the memory."""
+        """Discard the batches from before a given time, and the oldest batches beyond
+        `MEMORY_SAMPLES`.
+        """
         while True:
             batch, clock = self._batches[0]
             excess = self._kept - MEMORY_SAMPLES
@@ -387,8 +395,8 @@ class StreamBuffer:
         """Record a time without samples: by the counter if the instrument counts unsent samples,
         else by arrivals.
 
-        In the latter case the samples before and after the hole are no longer numbered alike: their
-        clock begins anew.
+        A hole found by arrivals contains an unknown number of samples, so a new clock begins behind
+        it.
         """
         before, self._end = self._end, (int(batch.counter[-1]), int(batch.arrival_ns[-1]))
         counted = self._decoder.gaps_visible
@@ -431,8 +439,8 @@ LOSSES: Mapping[Flag, Message] = {
 
 
 def last_of_each(breaks: Iterable[Break]) -> tuple[Break, ...]:
-    """Return the last loss of count and the last unwatched time; several have the same effect as
-    the last.
+    """Return the last certain and the last possible loss of count; earlier losses have no further
+    effect.
     """
     return tuple({event.watched: event for event in breaks}.values())
 

@@ -11,14 +11,16 @@ from stepdiag.daq.timing.stream import StreamBuffer
 
 BIN_S = 0.02
 KEEP_BINS = 75
-"""A second and a half: a page that misses one or two pictures still gets every bin."""
+"""Number of stored bins, a second and a half: a page that misses one or two updates still gets
+every bin.
+"""
 _BIN_NS = round(BIN_S * 1e9)
 _KEEP_NS = KEEP_BINS * _BIN_NS
 
 
 class Strip:
-    """Processes the batches in the order of their arrival, each once. ``bins`` are (number, lowest,
-    highest), NaN without samples.
+    """Sorts the samples of a stream into bins of time. ``bins`` holds number, lowest and highest
+    reading of each bin; the readings are NaN if all samples of the bin are.
     """
 
     def __init__(self) -> None:
@@ -26,7 +28,7 @@ class Strip:
         self._newest_ns = 0
 
     def follow(self, stream: StreamBuffer) -> None:
-        """Take the stream's new samples, as far back as the bins are kept."""
+        """Take the stream's new samples; samples older than the stored bins are skipped."""
         fresh = stream.since(self._newest_ns)
         ends_ns = [int(batch.arrival_ns[-1]) for batch in fresh]
         kept_ns = ends_ns[-1] - _KEEP_NS if fresh else 0

@@ -1,4 +1,4 @@
-"""Collecting the columns of one batch of samples."""
+"""Collects the columns of one batch of samples."""
 
 from collections.abc import Iterable
 
@@ -16,7 +16,7 @@ Columns = tuple[
 
 
 class Batch:
-    """Grows by columns; a notice belongs to the sample that is added next."""
+    """A growing batch of samples; a notice belongs to the sample that is added after the notice."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -33,8 +33,8 @@ class Batch:
         beam: NDArray[np.float64] | None = None,
         channels: NDArray[np.float64] | None = None,
     ) -> None:
-        """Append samples, one row each; a missing beam is unknown (NaN). Either all parts have
-        channels or no part has.
+        """Append samples, one row each; a missing beam is unknown (NaN). Either every added part
+        has channels, or no part.
         """
         self._parts.append(
             (counter, position_mm, _unknown(len(counter)) if beam is None else beam, flags)
@@ -52,8 +52,8 @@ class Batch:
         name: str = "",
         index: int | None = None,
     ) -> None:
-        """Add a remark before the next sample, or before the sample at ``index``; the other
-        arguments as in `Notice`.
+        """Add a remark before the next sample, or before the sample at ``index``. The other
+        arguments are those of `Notice`.
         """
         self.notices.append(
             Notice(
@@ -66,8 +66,8 @@ class Batch:
         )
 
     def remark(self, breaks: Iterable[Break], keep: NDArray[np.bool_]) -> None:
-        """Append the counter faults of the rows that are added next; ``keep`` (rows,) is False for
-        rows left out.
+        """Append the faults of the counter in the rows that are added next; ``keep`` (rows,) is
+        False for rows that are left out.
         """
         for found in breaks:
             index = self.count + int(keep[: found.row].sum())
@@ -79,7 +79,7 @@ class Batch:
             np.bitwise_or(flags, np.uint16(flag), out=flags)
 
     def samples(self, arrival_ns: int | NDArray[np.int64]) -> Samples:
-        """Return all samples added, stamped with ``arrival_ns``: a single time, or a time per
+        """Return all added samples, stamped with ``arrival_ns``: a single time, or one time per
         row.
         """
         if not self._parts and not self.notices:
@@ -110,15 +110,16 @@ class Batch:
 
 
 def mark(flags: NDArray[np.uint16], where: NDArray[np.bool_], flag: Flag) -> None:
-    """Set ``flag`` in the rows ``where``."""
+    """Set ``flag`` in the rows in which ``where`` is True."""
     flags[where] |= np.uint16(flag)
 
 
 def judge_beam(
     beam: NDArray[np.float64], threshold: float, flags: NDArray[np.uint16]
 ) -> None:
-    """Mark beams (0 to 1) below ``threshold`` as lost and below twice that as weak; an unknown beam
-    (NaN) is neither."""
+    """Flag a beam (0 to 1) below ``threshold`` as lost, and a beam below twice the threshold as
+    weak; an unknown beam (NaN) gets no flag.
+    """
     lost = beam < threshold
     mark(flags, lost, Flag.BEAM_LOST)
     mark(flags, (beam < 2 * threshold) & ~lost, Flag.WEAK_BEAM)

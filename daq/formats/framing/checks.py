@@ -1,4 +1,4 @@
-"""Refusal of impossible settings, by their names in the survey file."""
+"""Checks that refuse impossible settings; the error names the setting as in the survey file."""
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import Words, message
@@ -16,8 +16,9 @@ def require_sign(sign: int) -> None:
 
 
 def require_interferometer(wavelength_nm: float, optics: int) -> None:
-    """Raise UsageError unless the laser and its optics are possible: 632.99 nm family to near
-    infrared; 1, 2 or 4 fold."""
+    """Raise UsageError unless the wavelength (from the 632.99 nm family to the near infrared) and
+    the optics factor (1, 2 or 4) are possible.
+    """
     require(
         300 < wavelength_nm < 2000,
         "laser.wavelength_nm",

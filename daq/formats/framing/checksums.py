@@ -9,7 +9,7 @@ from operator import xor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crc:
-    """A CRC of 8 or 16 bits; ``reflected`` ones take the least significant bit first."""
+    """A CRC of 8 or 16 bits; a ``reflected`` CRC processes the least significant bit first."""
 
     width: int
     polynomial: int
@@ -19,7 +19,7 @@ class Crc:
 
 @dataclass(frozen=True, slots=True)
 class Checksum:
-    """Number of bytes of a checksum, and its value over bytes."""
+    """A checksum: its number of bytes, and the function that computes its value over bytes."""
 
     size: int
     of: Callable[[bytes], int]
@@ -40,7 +40,7 @@ _EVERY_BYTE = bytes(range(256))
 
 
 def _crc_table(crc: Crc) -> tuple[int, ...]:
-    """Return the change of the register by each value of a byte."""
+    """Return the change of the CRC's register for each value of a byte."""
     mask, top = (1 << crc.width) - 1, 1 << crc.width - 1
     if crc.reflected:
         polynomial = int(f"{crc.polynomial:0{crc.width}b}"[::-1], 2)
@@ -65,7 +65,7 @@ def _crc_table(crc: Crc) -> tuple[int, ...]:
 
 
 def checksum(crc: Crc) -> Checksum:
-    """Return the checksum that a CRC describes."""
+    """Return the checksum that computes a CRC."""
     table, start, mask, shift = (
         _crc_table(crc),
         crc.start,
@@ -94,4 +94,4 @@ CHECKSUMS: Mapping[str, Checksum] = {
     "xor-8": Checksum(1, lambda data: reduce(xor, data, 0)),
     **{name: checksum(crc) for name, crc in _CRCS.items()},
 }
-"""Every checksum that a frame may name."""
+"""Every checksum that the description of a frame may name."""

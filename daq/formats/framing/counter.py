@@ -1,4 +1,4 @@
-"""Following an instrument's sample counter: wraps, gaps, duplicates and restarts."""
+"""Follows an instrument's sample counter through wraps, gaps, duplicates and restarts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,13 +14,15 @@ LONGEST_WRAP_GAP = 1000
 means that the instrument was reset.
 """
 LONGEST_GAP = 10_000_000
-"""Samples; hours at any known rate. A longer forward step is a new count, not a gap."""
+"""Largest gap in samples, hours at any known rate. A longer forward step of the counter is a new
+count, not a gap.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Wrap:
-    """A counter that runs from ``low`` to ``high`` and begins again; at most ``reach`` steps are
-    accepted across the end.
+    """The range of a counter that runs from ``low`` to ``high`` and begins again; across its end,
+    at most ``reach`` steps are accepted.
     """
 
     low: int
@@ -28,8 +30,8 @@ class Wrap:
     reach: int
 
     def across(self, previous: int, current: int) -> int | None:
-        """Return the steps from ``previous`` to the smaller ``current`` across the end; None where
-        this is impossible.
+        """Return the number of steps from ``previous`` to the smaller ``current`` across the
+        counter's end; None if this is impossible.
         """
         if previous > self.high or current < self.low:
             return None
@@ -50,8 +52,10 @@ class Break:
 
 @dataclass(frozen=True, slots=True)
 class Unwrapped:
-    """``counter`` (rows kept,) grows strictly; ``keep`` (rows,) is False for duplicates; ``breaks``
-    are in row order, a run of duplicates remarked once."""
+    """The result of `CounterTrack.follow`. ``counter``, shape (rows kept,), grows strictly.
+    ``keep``, shape (rows,), is False for duplicates. ``breaks`` are in the order of the rows;
+    consecutive duplicates give a single break.
+    """
 
     counter: NDArray[np.int64]
     keep: NDArray[np.bool_]
@@ -61,8 +65,8 @@ class Unwrapped:
 class CounterTrack:
     """Unwraps the counter of one stream.
 
-    After a restart the count continues by one: the duration of the absence is unknown, so a clock
-    must begin anew.
+    After a restart of the instrument the unwrapped counter continues by one. The duration of the
+    interruption is unknown, so a new clock must begin.
     """
 
     def __init__(self, wraps: Sequence[Wrap]) -> None:
@@ -72,12 +76,14 @@ class CounterTrack:
         self._repeating = False
 
     def forget(self) -> None:
-        """Accept the next value as the step after the last sample, without a remark."""
+        """Accept the next value of the counter, whatever it is, as one step after the last sample,
+        without a remark.
+        """
         self._raw = None
 
     def goes_on(self, raw: NDArray[np.int64]) -> bool:
-        """Return whether rows ``raw``, shape (rows,), at least one, continue by ones from the last
-        row; the counter's state is unchanged.
+        """Return whether the counters ``raw``, shape (rows,), at least one row, continue from the
+        last row in steps of one. The state of this object does not change.
         """
         return (
             self._raw is not None
@@ -89,8 +95,8 @@ class CounterTrack:
     def follow(self, raw: NDArray[np.int64], *, restarted: bool = False) -> Unwrapped:
         """Return the unwrapped counter of rows ``raw``, shape (rows,), at least one row.
 
-        ``restarted``: the instrument greeted before the first row, so the count began anew unless
-        it simply goes on.
+        ``restarted``: the instrument sent its greeting before the first row, so its counter began
+        again, unless the first row continues the count.
         """
         if self._count is None:
             self._count = int(raw[0]) - 1
@@ -117,7 +123,7 @@ class CounterTrack:
         return Unwrapped(counter[keep], keep, tuple(breaks))
 
     def _judge(self, row: int, previous: int, current: int) -> tuple[int, Break | None]:
-        """Return the true step to ``current`` and its fault."""
+        """Return the true step from ``previous`` to ``current``, and its fault."""
         if current == previous:
             return 0, Break("duplicate", row, message("count-again", count=current))
         step: int | None = current - previous

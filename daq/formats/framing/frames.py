@@ -1,5 +1,6 @@
-"""Cutting a stream of bytes into binary frames of fixed size, and finding the way back after
-garbage."""
+"""Cuts a stream of bytes into binary frames of fixed size, and finds the next frame after
+garbage.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,13 +16,13 @@ Frames = NDArray[np.uint8]
 SHOWN = 16
 """Number of bytes outside frames that a message quotes."""
 JUNK_CAP = 4096
-"""Number of bytes without a frame after which a remark is made, even if no frame ever arrives."""
+"""Number of bytes without a frame after which a remark is made, also before a first frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class Junk:
-    """``count`` bytes that belong to no frame, and their beginning; reported once until the next
-    frame.
+    """A number of bytes (``count``) that belong to no frame, and their beginning; reported once
+    until the next frame.
     """
 
     count: int
@@ -29,7 +30,7 @@ class Junk:
 
     @property
     def why(self) -> Message:
-        """Return the junk in words."""
+        """Return the message about these bytes."""
         return (
             message("junk-begins", count=self.count, bytes=self.begins.hex(" "))
             if self.begins
@@ -40,9 +41,9 @@ class Junk:
 class FrameBuffer:
     """Holds the incomplete frame at the end of a stream.
 
-    A frame begins with ``sync``, has ``size`` bytes and satisfies ``valid`` (shape (size,) bytes ->
-    whether the frame is whole). After a bad frame the search continues one byte further, so that a
-    sync pattern inside the values loses no good frame.
+    A frame begins with ``sync``, has ``size`` bytes and satisfies ``valid`` (a function of its
+    bytes, shape (size,)). After a bad frame the search continues one byte further, so that a sync
+    pattern inside the values loses no good frame.
     """
 
     def __init__(self, sync: bytes, size: int, valid: Callable[[bytes], bool]) -> None:
@@ -55,12 +56,12 @@ class FrameBuffer:
         self._quoted = False
 
     def clear(self) -> None:
-        """Discard the half frame."""
+        """Discard the incomplete frame."""
         self._held = b""
 
     def feed(self, chunk: bytes) -> Iterator[Frames | Junk]:
-        """Yield the frames that ``chunk`` completes, and the junk between them; the caller must
-        consume all of it.
+        """Yield the frames that ``chunk`` completes, and the junk between frames; the caller must
+        exhaust the iterator.
         """
         data = self._held + chunk
         at = 0
@@ -92,7 +93,9 @@ class FrameBuffer:
         return len(rest) < self._size and rest[: len(self._sync)] == self._sync[: len(rest)]
 
     def _next_sync(self, data: bytes, start: int) -> int:
-        """Return where the next sync may begin, at the end of ``data`` at the latest."""
+        """Return the index at which the next sync pattern may begin; the length of ``data`` if
+        nowhere earlier.
+        """
         found = data.find(self._sync, start)
         if found >= 0:
             return found
@@ -103,7 +106,9 @@ class FrameBuffer:
         )
 
     def _report(self, cap: int) -> Iterator[Junk]:
-        """Yield the junk until now: in portions of ``cap``, or all of it where ``cap`` is 0."""
+        """Yield the junk received until now: in portions of ``cap`` bytes, or as a whole if ``cap``
+        is 0.
+        """
         while self._junk and self._junk >= cap:
             portion = cap or self._junk
             self._junk -= portion

@@ -1,5 +1,5 @@
-"""The numbers within binary frames of fixed size: the place of each, and reading a column of them
-at once.
+"""The numbers within binary frames of fixed size: the place of each number, and its values in many
+frames at once.
 """
 
 import re
@@ -33,8 +33,9 @@ class Place:
     def column(
         self, frames: Frames, order: ByteOrder
     ) -> NDArray[np.float64] | NDArray[np.int64]:
-        """Return the number of every frame, shape (frames,): whole ones as int64 (unsigned beyond
-        that wrap), real ones as float64."""
+        """Return this number of every frame, shape (frames,): whole numbers as int64 (larger
+        unsigned numbers wrap), real numbers as float64.
+        """
         raw = frames[:, self.at : self.at + self.size]
         if order == "big":
             raw = raw[:, ::-1]
@@ -50,10 +51,11 @@ class Place:
 
 
 def read_layout(texts: tuple[str, ...], start: int) -> tuple[dict[str, Place], int]:
-    """Return the places by name and where the last one ends. ``texts`` are texts such as ``position
-    i32`` or ``skip 2``, the first at ``start``.
+    """Return the places of the numbers by name, and the byte at which the last number ends.
+    ``texts`` describe them in order (``position i32``, ``skip 2``); the first begins at byte
+    ``start``.
 
-    Raises UsageError that names what is wrong.
+    Raises UsageError that names the wrong text.
     """
     places: dict[str, Place] = {}
     at = start

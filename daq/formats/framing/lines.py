@@ -1,4 +1,4 @@
-"""Cutting a stream of bytes into lines, with a limit for a line that does not end."""
+"""Cuts a stream of bytes into text lines, with a limit for a line that does not end."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LINE_CAP = 4096
-"""Bytes; no instrument sends a line per sample that is nearly as long."""
+"""Longest line in bytes; no instrument sends a line nearly as long for a sample."""
 _QUOTED_BYTES = 40
 """Bytes of a garbage line that are quoted: enough to recognise it, short in a message."""
 
@@ -44,7 +44,7 @@ class LineBuffer:
         return complete
 
     def preview(self, chunk: bytes) -> bytes:
-        """Return the lines that `feed` would return, without consuming them; empty if the present
+        """Return the lines that `feed` would return, without consuming bytes; empty if the present
         line is too long or is being discarded.
         """
         cut = chunk.rfind(self._terminator) + 1
@@ -70,7 +70,7 @@ class LineBuffer:
 
 
 def quote(raw: bytes) -> str:
-    """Return the beginning of ``raw`` for a person to read, whatever the bytes are."""
+    """Return the beginning of ``raw`` as readable text, whatever the bytes are."""
     text = raw[:_QUOTED_BYTES].decode("ascii", errors="backslashreplace")
     printable = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
     return f'"{printable}"' + ("..." if len(raw) > _QUOTED_BYTES else "")
@@ -79,8 +79,8 @@ def quote(raw: bytes) -> str:
 def arrivals_of_lines(
     chunks: Sequence[tuple[bytes, int]], terminator: bytes = b"\n"
 ) -> NDArray[np.int64]:
-    """Return the arrival in ns of the chunk that ends a line, for every line of chunks (bytes,
-    arrival in ns), shape (lines,).
+    """Return for every line its arrival in ns, shape (lines,): the arrival of the chunk that ends
+    the line. ``chunks`` are pairs of bytes and arrival in ns.
     """
     return np.repeat(
         np.array([arrival_ns for _, arrival_ns in chunks], dtype=np.int64),

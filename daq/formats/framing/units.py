@@ -14,6 +14,7 @@ _MM_PER_UNIT: Mapping[str, float] = {
 
 
 def mm_per_unit(unit: Unit, wavelength_nm: float, optics: int) -> float:
-    """Return the millimetres of a unit; ``counts`` is half a vacuum wavelength divided by
-    ``optics``."""
+    """Return the length of a unit in mm; the unit ``counts`` is half a vacuum wavelength divided by
+    ``optics``.
+    """
     return wavelength_nm * 1e-6 / 2 / optics if unit == "counts" else _MM_PER_UNIT[unit]

@@ -1,10 +1,10 @@
-"""Air and material from a separate sensor: one text line a measurement, described by its
-configuration.
+"""Air and material from a separate sensor that sends one text line per measurement; the survey file
+describes the line.
 
 Vaisala PTU300 in its factory setting: it answers `SEND` with pressure, temperature and humidity
 (``P= 1013.2 hPa T= 31.1 'C RH= 38.3 %RH``; PTU300 User Manual p. 103), perhaps behind a prompt and
-its own echo. Its lines are the same while it sends by itself (`RUN`). **Recalled:** a quantity that
-cannot be measured is shown by asterisks.
+its own echo. A sensor that sends without requests (`RUN`) sends the same lines. **Recalled, not
+looked up:** asterisks stand for a quantity that cannot be measured.
 """
 
 import math
@@ -27,7 +27,9 @@ MEASURED = (
     "relative_humidity_percent",
     "material_temperature_c",
 )
-"""The quantities of a line: the names of the pattern's groups, and the order of the channels."""
+"""The quantities that a line may contain: names of the groups of the pattern, in the order of the
+channels.
+"""
 PTU300 = (
     r"[>\s]*P\s*=\s*(?P<air_pressure_hpa>[-+.0-9*]+)\s*hPa\s+T\s*=\s*(?P<air_temperature_c>"
     r"[-+.0-9*]+)\s*'C"
@@ -52,8 +54,9 @@ _LINE_CAP = 500
 class AirSettings:
     """Format of a line.
 
-    ``pattern`` matches the whole line, with one or more of the groups `MEASURED`. ``greeting`` is
-    sent once, ``request`` every ``poll_s`` seconds; a sensor that sends by itself has no request.
+    ``pattern`` matches the whole line and has one or more of the groups `MEASURED`. The link sends
+    ``greeting`` once, and ``request`` every ``poll_s`` seconds; a sensor that sends without
+    requests has no ``request``.
     """
 
     pattern: str
@@ -94,11 +97,12 @@ def quantities_in(pattern: str) -> tuple[str, ...]:
 
 
 class AirDecoder:
-    """Decoder of a sensor that sends by itself (`daq.timing.samples.Decoder`).
+    """Decoder of a sensor of air and material that sends without requests
+    (`daq.timing.samples.Decoder`).
 
     A measurement is a sample without position; ``channels`` has shape (count, 4) in the order of
-    `MEASURED`, NaN for a missing one. Every number is also an ``environment`` notice. A line that
-    is neither a measurement nor the echo of a request is a garbage notice.
+    `MEASURED`, NaN for a missing quantity. Every number is also an ``environment`` notice. A line
+    that is neither a measurement nor the echo of a request is a garbage notice.
     """
 
     gaps_visible = False
@@ -123,7 +127,7 @@ class AirDecoder:
             self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the measurements that ``chunk`` completes, a sample each."""
+        """Return the measurements that ``chunk`` completes, one sample per measurement."""
         batch = Batch()
         for line in self._lines.feed(chunk).split(self._end)[:-1]:
             if line.strip(b"> \t\r\n\0").lower() not in (b"", self._echo):
@@ -153,7 +157,9 @@ class AirDecoder:
         self._number += 1
 
     def _value(self, name: str, text: str | None) -> float:
-        """Return the number in the program's unit, NaN if it is not valid."""
+        """Return the value of a quantity in the program's unit; NaN if the text is no valid
+        value.
+        """
         try:
             number = float(text) if text is not None else math.nan
         except ValueError:
@@ -170,7 +176,9 @@ class AirDecoder:
 
 
 class AskedAirDecoder(AirDecoder):
-    """Decoder of a sensor that answers requests (`daq.timing.samples.PolledDecoder`)."""
+    """Decoder of a sensor of air and material that answers requests
+    (`daq.timing.samples.PolledDecoder`).
+    """
 
     def __init__(self, settings: AirSettings) -> None:
         super().__init__(settings)

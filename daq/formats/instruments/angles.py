@@ -1,14 +1,14 @@
-"""Instruments of angles, one text line a reading: Elcomat 3000 autocollimators, Wyler levels, and
-instruments described like them.
+"""Instruments that measure angles and send one text line per reading: Elcomat 3000 autocollimators,
+Wyler levels, and instruments described in the same way.
 
 Elcomat 3000: a command is a letter and a LF; `s` ends a stream, `A` begins a stream of absolute
-readings, each `type status x y` in arc-seconds up to a CR. Types 1 and 2 are relative, 3 and 4
-absolute; the third digit of the status is 1 where x is valid, 2 where y is, 3 for both, and a
-longer status may follow; a number is what C's strtod reads (dls-controls/elcomat3000 @5b459ca,
-elcomat3000.cpp lines 47, 164, 209, 330 to 361). Only readings of the absolute stream count: a
-relative reading has another origin. Wyler: asked by `P`; the second field of the answer is the
-angle, the fourth another quantity (CERN's use of the Zerotronic; only facts of it are known, so a
-pattern and the unit may stand in the survey file).
+readings. A reading is the text `type status x y` in arc-seconds, ended by a CR. Types 1 and 2 are
+relative readings, types 3 and 4 absolute readings. The third digit of the status is 1 if x is
+valid, 2 if y is valid, 3 if both are valid; the status may be longer. Numbers have the form that
+C's strtod reads (dls-controls/elcomat3000 @5b459ca, elcomat3000.cpp lines 47, 164, 209, 330 to
+361). Only absolute readings are used: a relative reading has another origin. Wyler: the request is
+`P`; the second field of the answer is the angle, the fourth field another quantity (known only from
+CERN's use of the Zerotronic, so the survey file may state another pattern and unit).
 """
 
 import math
@@ -41,16 +41,17 @@ WYLER = rf"\s*[^\s,;]+[\s,;]+(?P<first>{NUMBER})(?:[\s,;].*)?"
 GROUPS = ("first", "second", "valid")
 _LINE_CAP = 200
 _LARGEST_URAD = 1e6
-"""A larger number is not an angle of these instruments: a radian is far beyond their ranges."""
+"""Largest valid angle in urad: a radian is far beyond the ranges of these instruments."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnglesSettings:
     """Format of a line.
 
-    ``pattern`` matches the whole line, with the groups ``first`` and optionally ``second`` and
-    ``valid`` (1 first, 2 second, 3 both). ``greeting`` is sent once, ``request`` for each reading;
-    an instrument that sends by itself has no request.
+    ``pattern`` matches the whole line and has the group ``first``, optionally ``second`` and
+    ``valid`` (1: the first angle is valid, 2: the second, 3: both). The link sends ``greeting``
+    once, and ``request`` for each reading; an instrument that sends without requests has no
+    ``request``.
     """
 
     pattern: str
@@ -90,7 +91,7 @@ class AnglesSettings:
 
 
 class AnglesDecoder:
-    """Decoder of an angular instrument that sends by itself (`daq.timing.samples.Decoder`).
+    """Decoder of an angular instrument that sends without requests (`daq.timing.samples.Decoder`).
 
     ``channels`` has shape (count, 1 or 2): angles in urad. Positions and beam are NaN. The host
     numbers the readings.
@@ -118,8 +119,8 @@ class AnglesDecoder:
             self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the readings that ``chunk`` completes, a sample each. Any other line is a garbage
-        notice.
+        """Return the readings that ``chunk`` completes, one sample per reading. Any other line is a
+        garbage notice.
         """
         batch = Batch()
         for line in self._lines.feed(chunk).split(self._end)[:-1]:
@@ -148,8 +149,8 @@ class AnglesDecoder:
     def _values(
         self, groups: dict[str, str | None]
     ) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
-        """Return the angles in urad, NaN for an invalid angle; None if the text holds no number of
-        the instrument.
+        """Return the angles of a line in urad, NaN for an invalid angle; None if a text is no
+        number in the instrument's form.
         """
         valid = groups.get("valid") or "3"
         try:
@@ -167,7 +168,9 @@ class AnglesDecoder:
 
 
 class AskedAnglesDecoder(AnglesDecoder):
-    """Decoder of an instrument that answers requests (`daq.timing.samples.PolledDecoder`)."""
+    """Decoder of an angular instrument that answers requests
+    (`daq.timing.samples.PolledDecoder`).
+    """
 
     def __init__(self, settings: AnglesSettings) -> None:
         super().__init__(settings)

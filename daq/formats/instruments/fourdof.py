@@ -21,9 +21,9 @@ from stepdiag.daq.timing.samples import Flag, Samples
 class FourdofSettings:
     """Settings of the head.
 
-    ``full_sum`` is the sum signal of QD, PSD 1 and PSD 2 at full beam, in the head's own units;
-    with it the weakest of the three sums is the beam (0 to 1), lost below ``beam_threshold`` and
-    weak below twice the threshold.
+    ``full_sum`` is the sum signal of QD, PSD 1 and PSD 2 at full beam, in the head's own units; if
+    it is given, the weakest of the three sums is the beam strength (0 to 1). The beam is lost below
+    ``beam_threshold``, and weak below twice this threshold.
     """
 
     encoding: Literal["binary", "ascii"] = "binary"
@@ -53,15 +53,17 @@ class FourdofSettings:
 
 SYNC = b"\xf4\xd0"
 FRAME_SIZE = 46
-"""Sync 2, type 1, status 1, counter 4, nine values of 4, CRC 2: at 115200 baud, ten bits a byte,
-250 frames a second."""
+"""Bytes of a frame: sync 2, type 1, status 1, counter 4, nine values of 4 each, CRC 2. A line of
+115200 baud, ten bits a byte, carries 250 frames a second.
+"""
 LINE_CAP = 256
-"""Bytes of an ASCII line; full-length whole numbers make 135, floating ones up to 200."""
+"""Longest ASCII line in bytes; whole numbers of full length give 135 bytes, real numbers up to 200.
+"""
 
 _INT32, _FLOAT32 = b"if"
 _SUMS = (2, 5, 8)
 _SATURATED = 0b0000_0111
-"""Status bits: Readings of QD, PSD 1 and PSD 2 at the end of their converter's range."""
+"""Bits of the status: the reading of QD, PSD 1 or PSD 2 is at the end of its converter's range."""
 _HEAD_FAULT = 0b1000_0000
 _NUMBER = rb"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?"
 _LINE = re.compile(
@@ -86,8 +88,8 @@ class FourdofDecoder:
     """Decoder of a 4-DOF head (`daq.timing.samples.Decoder`).
 
     ``channels`` has shape (count, 9): x, y and sum of QD, PSD 1 and PSD 2 in the head's units.
-    Positions are NaN. A frame whose CRC is wrong is garbage; a value that is no finite number is
-    NaN and its sample flagged DEVICE_ERROR.
+    Positions are NaN. A frame with a wrong CRC is garbage. A value that is no finite number becomes
+    NaN, and its sample is flagged DEVICE_ERROR.
     """
 
     gaps_visible = True
@@ -101,7 +103,7 @@ class FourdofDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the half frame: the stream was interrupted."""
+        """Discard the incomplete frame: the stream was interrupted."""
         self._frames.clear()
         self._lines.skip_line()
 
@@ -149,8 +151,9 @@ class FourdofDecoder:
         )
 
     def _beam(self, channels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the weakest of the three sums, 0 to 1, shape (rows,); NaN where full beam is not
-        configured."""
+        """Return the weakest of the three sums relative to full beam, 0 to 1, shape (rows,); NaN if
+        no full beam is configured.
+        """
         if self._settings.full_sum is None:
             return np.full(len(channels), np.nan)
         weakest: NDArray[np.float64] = np.min(

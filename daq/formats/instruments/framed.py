@@ -1,5 +1,5 @@
-"""`frames`: any instrument that sends a binary frame of fixed size per sample, described by its
-configuration; the counterpart of `line` for binary data.
+"""`frames`: any instrument that sends a binary frame of fixed size per sample. The survey file
+describes the frame. `line` is the same for text lines.
 """
 
 import math
@@ -29,8 +29,8 @@ class FramesSettings:
     A frame is ``sync`` (hexadecimal), the numbers of ``layout`` in their order, and the checksum
     over all bytes before it from byte ``checksum_from`` on. Position in mm = number x ``scale`` x
     ``unit``. ``lost_bits``, ``error_bits`` and ``good_bits`` are masks of ``status``: any set bit
-    of the first mask is a lost beam, any set bit of the second a fault of the instrument; all bits
-    of the third must be set.
+    of ``lost_bits`` means a lost beam, any set bit of ``error_bits`` a fault of the instrument; all
+    bits of ``good_bits`` must be set.
     """
 
     sync: str
@@ -124,7 +124,9 @@ class FramesSettings:
 
     @property
     def sync_bytes(self) -> bytes:
-        """Return the bytes at the beginning of every frame; none where they are not hexadecimal."""
+        """Return the bytes at the beginning of every frame; empty if ``sync`` is not
+        hexadecimal.
+        """
         try:
             return bytes.fromhex(self.sync)
         except ValueError:
@@ -132,12 +134,12 @@ class FramesSettings:
 
     @property
     def places(self) -> dict[str, Place]:
-        """Return the place of each number."""
+        """Return the place of each number in the frame, by name."""
         return read_layout(self.layout, len(self.sync_bytes))[0]
 
     @property
     def size(self) -> int:
-        """Return the bytes of a frame."""
+        """Return the size of a frame in bytes."""
         return read_layout(self.layout, len(self.sync_bytes))[1] + (
             CHECKSUMS[self.checksum].size if self.checksum in CHECKSUMS else 0
         )
@@ -147,8 +149,8 @@ class FramesDecoder:
     """Decoder of configured binary frames (`daq.timing.samples.Decoder`).
 
     Bytes outside every frame are a garbage notice that quotes their beginning. A position that is
-    not a finite number is a sample: NaN, flagged DEVICE_ERROR. Without a counter the program
-    numbers the frames, and a lost frame is not noticed.
+    not a finite number gives a sample with the position NaN, flagged DEVICE_ERROR. If the frame has
+    no counter, the program numbers the frames, and a lost frame is not noticed.
     """
 
     def __init__(self, settings: FramesSettings) -> None:
@@ -170,7 +172,7 @@ class FramesDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the half frame: the stream was interrupted."""
+        """Discard the incomplete frame: the stream was interrupted."""
         self._frames.clear()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
@@ -234,7 +236,7 @@ class FramesDecoder:
 
 
 def _wraps(counter: Place | None) -> Sequence[Wrap]:
-    """Return the range of the counter: the end of its bits, signed or not."""
+    """Return the range of the counter, from the number of its bits and its sign."""
     if counter is None or counter.size == 8:
         return ()
     values = 1 << 8 * counter.size

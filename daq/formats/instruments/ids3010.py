@@ -20,9 +20,9 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ids3010Settings:
-    """Settings of the polling. ``axis`` counts from 1; ``interface`` is ``sen`` since firmware 2,
-    ``ids`` before; the contrast is the beam, lost below ``beam_threshold`` of ``contrast_full``
-    (per mille). With ``air`` the environmental unit is read too.
+    """Settings of the polling. ``axis`` counts from 1. ``interface`` is ``sen`` since firmware 2,
+    ``ids`` before. The beam strength is the contrast (per mille) divided by ``contrast_full``; the
+    beam is lost below ``beam_threshold``. With ``air`` the environmental unit is read too.
     """
 
     axis: Literal[1, 2, 3] = 1
@@ -66,9 +66,11 @@ _AIR = {
 }
 _MM = 1e-9
 _UNKNOWN_METHOD = -32601
-"""JSON-RPC 2.0, section 5.1."""
+"""Error code of an unknown method (JSON-RPC 2.0, section 5.1)."""
 _INVALID_AXES, _OVERDRIVEN = range(1, 8), 8
-"""Warnings: 1 to 7 have a bit for every axis that is not valid."""
+"""Numbers of the instrument's warnings: 1 to 7 have a set bit for every axis that is not valid, 8
+means overdriven.
+"""
 
 
 class _Answer(msgspec.Struct):
@@ -149,8 +151,8 @@ class Ids3010Decoder:
             self._refused(answer, line, batch)
 
     def _refused(self, answer: _Answer, line: bytes, batch: Batch) -> None:
-        """Process an answer without the requested value; for the position the result is an unusable
-        sample.
+        """Process an answer that lacks the requested value. If the value is the position, add an
+        unusable sample.
         """
         error = answer.error if isinstance(answer.error, dict) else {}
         why = error.get("message")

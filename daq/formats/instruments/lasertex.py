@@ -2,8 +2,9 @@
 Mbaud.
 
 Built from the public implementation l-pio/pylinef1 (@ba679cd, 2022), not yet tested on the
-instrument. To the device go 8 bytes: AA, command of two bytes, four zeros, CRC; from it come 16:
-AA, command, twelve bytes of data, CRC. The CRC is CRC-8/NRSC-5 over all bytes before it.
+instrument. A frame to the device has 8 bytes: AA, two bytes of command, four zeros, CRC. A frame
+from the device has 16 bytes: AA, command, twelve bytes of data, CRC. The CRC is CRC-8/NRSC-5 over
+all preceding bytes of the frame.
 """
 
 from collections.abc import Callable
@@ -24,8 +25,8 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LasertexSettings:
-    """Settings of the laser. ``level_full`` is the level (a byte of no stated unit) at full beam,
-    below ``beam_threshold`` of this level: lost.
+    """Settings of the laser. ``level_full`` is the level (a byte without a stated unit) at full
+    beam; below the part ``beam_threshold`` of this level the beam is lost.
     """
 
     level_full: float = 100.0
@@ -61,10 +62,10 @@ _STOP_ALL, _CLEAR_SIGNAL, _CLEAR_VELOCITY, _DISTANCE_ON, _WEATHER_ON = (
     0xB079,
 )
 _ANSWERED = range(0xB030, 0xB080)
-"""Commands that the device repeats as their acknowledgement."""
+"""Commands that the device acknowledges by repeating them."""
 _VALUE = Place(3, 7, "i")
 _MM = 1e-7
-"""The distance counts in steps of 100 pm."""
+"""Step of the distance in mm: 100 pm."""
 _SPEED_BYTE, _SPEED = 12, 0x08
 _STATE_BYTE, _LASER_READY, _SIGNAL_GOOD = 13, 0x01, 0x08
 _LEVEL_BYTE = 14
@@ -78,11 +79,11 @@ def command(code: int) -> bytes:
 
 
 class LasertexDecoder:
-    """Decoder of the laser (`daq.timing.samples.GreetingDecoder`).
+    """Decoder of a Lasertex laser (`daq.timing.samples.GreetingDecoder`).
 
     The laser has no sample counter: the host numbers the readings, and a lost reading is not seen.
-    Its sensors of air and material are remarks with the code ``environment``; of several material
-    sensors the mean of their last values counts.
+    The values of the laser's sensors of air and material are remarks with the code ``environment``.
+    The material temperature is the mean of the last values of all material sensors.
     """
 
     gaps_visible = False
@@ -99,12 +100,12 @@ class LasertexDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the half frame: the stream was interrupted."""
+        """Discard the incomplete frame: the stream was interrupted."""
         self._frames.clear()
 
     def responder(self) -> Callable[[bytes], bytes]:
-        """Return the link's answer to the received bytes: the laser keeps the flags of a lost beam
-        until a command clears them. The command is sent after the flags were received, never
+        """Return a function that answers received bytes: the laser keeps the flags of a lost beam
+        until a command clears them. The link sends this command after receiving the flags, never
         before.
         """
         frames = FrameBuffer(_SYNC, _SIZE, _is_whole)
@@ -137,7 +138,7 @@ class LasertexDecoder:
         return batch.samples(arrival_ns)
 
     def _take(self, code: int, frames: Frames, batch: Batch) -> None:
-        """Take consecutive frames of a kind."""
+        """Add the samples or remarks of consecutive frames of one kind to the batch."""
         if code == _DISTANCE:
             self._add(frames, batch)
         elif code == _WEATHER:
@@ -164,8 +165,8 @@ class LasertexDecoder:
         )
 
     def _hear_weather(self, frame: bytes, batch: Batch) -> None:
-        """Process a report of a sensor: number, temperature in 0.01 C, humidity in %, battery,
-        link, pressure in 10 Pa.
+        """Process the report of a sensor. Its fields are sensor number, temperature in 0.01 C,
+        humidity in %, battery, link, and pressure in 10 Pa.
         """
         sensor, temperature_c = (
             frame[3],
@@ -197,6 +198,6 @@ def _code(frame: NDArray[np.uint8]) -> int:
 
 
 def _runs(codes: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Return where runs of equal codes begin and end."""
+    """Return the begin and end of every run of equal codes."""
     edges = [0, *(np.flatnonzero(np.diff(codes)) + 1).tolist(), len(codes)]
     return list(pairwise(edges))

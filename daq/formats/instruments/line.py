@@ -1,6 +1,6 @@
-"""`line`: any instrument that sends an ASCII line per sample, described by its configuration.
+"""`line`: any instrument that sends an ASCII line per sample; the survey file describes the line.
 
-The route for instruments whose wire format is not public: a regular expression with the named
+This format serves instruments whose wire format is not public: a regular expression with the named
 groups ``position``, ``counter`` and ``beam`` gives the places of the numbers. The match takes a
 time linear in the length of the line (RE2), so a line without a comma cannot delay the recording
 for minutes; features that RE2 lacks (looking ahead or behind, references to groups) are refused.
@@ -34,10 +34,10 @@ class LineSettings:
     ``pattern`` must match the whole line, terminator excluded. Its group ``position`` is required;
     ``counter`` and ``beam`` are optional. Position in mm = number x ``scale`` x ``unit``; the unit
     ``counts`` is half a vacuum wavelength divided by ``optics``. ``counter_modulus`` is the number
-    of values of the counter before it repeats (None: never); signed or unsigned makes no
-    difference. ``beam`` is divided by ``beam_full``; below ``beam_threshold`` (0 to 1) the beam is
-    lost, below twice the threshold it is weak. ``rate_hz`` is the data sheet's rate, None where
-    unknown.
+    of values of the counter before it repeats (None: never); the counter may be signed or unsigned.
+    The beam strength is the number of ``beam`` divided by ``beam_full``; the beam is lost below
+    ``beam_threshold`` (0 to 1), and weak below twice this threshold. ``rate_hz`` is the sample rate
+    from the data sheet, None if unknown.
     """
 
     pattern: str
@@ -111,7 +111,9 @@ LONGEST_QUOTE = 200
 MOST_MEMORY_BYTES = 4_000_000
 """Largest memory of a pattern in bytes; a larger pattern is refused."""
 SAME_LINES = 1024
-"""Cached: a laser that hangs repeats a value, and a log holds several such lines per byte."""
+"""Number of parsed lines in the cache: a laser that hangs repeats a line, and a compressed log may
+hold several such lines per byte.
+"""
 _NUMBER = re.compile(
     r"\s*(?P<sign>[+-]?)\s*(?P<digits>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?)\s*"
 )
@@ -129,9 +131,9 @@ class LineDecoder:
     """Decoder of configured ASCII lines (`daq.timing.samples.Decoder`).
 
     A line that does not match, or whose counter is no number, is a garbage notice. A matching line
-    whose position is no number is a sample: NaN, flagged DEVICE_ERROR. The first line of a stream
-    may lack its beginning: its sample is flagged OUT_OF_RANGE. Without a counter in the line the
-    program numbers the lines, and a lost line is not noticed.
+    whose position is no number gives a sample with the position NaN, flagged DEVICE_ERROR. The
+    first line of a stream may lack its beginning: its sample is flagged OUT_OF_RANGE. Without a
+    counter in the line the program numbers the lines, and a lost line is not noticed.
     """
 
     def __init__(self, settings: LineSettings) -> None:
@@ -159,7 +161,9 @@ class LineDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete line and skip the rest of it: the stream was interrupted."""
+        """Discard the incomplete line, and skip the rest of this line: the stream was
+        interrupted.
+        """
         self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
@@ -207,8 +211,8 @@ class LineDecoder:
     def _numbered(
         self, parsed: Sequence[tuple[float, str | None, float]]
     ) -> list[_Row] | None:
-        """Return rows with the count in their lines, or with the next free numbers; None where a
-        line has no count.
+        """Return the rows of parsed lines, numbered by the counter in the lines or, without a
+        counter, by the program; None if a line lacks its counter.
         """
         rows = []
         for number, (position, counter, beam) in enumerate(parsed, self._number + 1):
@@ -219,7 +223,9 @@ class LineDecoder:
         return rows
 
     def _parse(self, line: bytes) -> _Row | None:
-        """Return the numbers of a line, NaN for missing ones; None if it does not match."""
+        """Return the numbers of a line, NaN for missing numbers; None if the line does not
+        match.
+        """
         parsed = self._parsed(line)
         rows = None if parsed is None else self._numbered([parsed])
         if rows is None:
@@ -228,7 +234,9 @@ class LineDecoder:
         return rows[0]
 
     def _read(self, line: bytes) -> tuple[float, str | None, float] | None:
-        """Return the values of a line: position, raw counter, beam."""
+        """Return the values of a line (position, raw counter, beam); None if the line does not
+        match.
+        """
         try:
             text = line.decode(self._settings.encoding).strip("\r\n")
         except UnicodeDecodeError:
@@ -307,6 +315,8 @@ def _shortened(text: str) -> str:
 
 
 def _number(text: str | None) -> float:
-    """Return the number, which may be separated from its sign; NaN without a number."""
+    """Return the number of a text, in which blanks may stand between sign and digits; NaN without a
+    number.
+    """
     found = _NUMBER.fullmatch(text) if text is not None else None
     return float(found["sign"] + found["digits"]) if found else float("nan")

@@ -18,9 +18,9 @@ from stepdiag.daq.timing.samples import Flag, Samples
 class NdSettings:
     """Settings of an ND display.
 
-    ``value`` is the current value (whole steps of ``resolution_mm``, which is a setting of the
-    device) or the displayed one (with a decimal point, in ``unit``). ``axis`` counts the lines of
-    an answer from 1 on displays with several axes.
+    ``value`` chooses the current value (in whole steps of ``resolution_mm``, which is a setting of
+    the device) or the displayed value (with a decimal point, in ``unit``). ``axis`` is the number
+    of the line in an answer, from 1, on displays with several axes.
     """
 
     value: Literal["current", "displayed"] = "current"
@@ -54,7 +54,9 @@ class NdSettings:
 
 
 ANSWER_CAP = 256
-"""Bytes of one line of an answer; the longest of the manual, an error text, is a display line."""
+"""Longest line of an answer in bytes; the longest line in the manual, an error text, has the length
+of the display.
+"""
 
 _STX, _ACK, _LF, _NAK = 0x02, 0x06, 0x0A, 0x15
 _REQUESTS = {"current": b"\x1bA0200\r", "displayed": b"\x1bA0100\r"}
@@ -71,7 +73,7 @@ class NdDecoder:
     """Decoder of an ND display (`daq.timing.samples.PolledDecoder`).
 
     An answer is STX, then a line per axis, ended by CR LF. NAK, or text in the place of the value,
-    is a sample all the same: NaN, flagged DEVICE_ERROR, with a notice. The host numbers the
+    gives a sample with the position NaN, flagged DEVICE_ERROR, and a notice. The host numbers the
     answers; a lost answer is not noticed here.
     """
 
@@ -101,7 +103,7 @@ class NdDecoder:
         self._axis = 0
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the answers that ``chunk`` completes, a sample each."""
+        """Return the answers that ``chunk`` completes, one sample per answer."""
         batch = Batch()
         for byte in chunk:
             self._take(byte, batch)

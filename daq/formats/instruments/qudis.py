@@ -2,8 +2,8 @@
 
 Built from the maker's public protocol (bmonk-anl/qudisAsyn @a5cb69b, ``protocol/``), not yet tested
 on the instrument. A telegram is five little-endian words {length of the rest, opcode, address,
-index, correlation} and data; a reading is two words, each with half of a 48-bit position in pm and
-half of a 14-bit counter that counts the edges, rising and falling, of the marker input.
+index, correlation} and data. A reading is two words. Each word holds one half of a 48-bit position
+in pm, and one half of a 14-bit counter of the rising and falling edges at the marker input.
 """
 
 import struct
@@ -24,8 +24,8 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QudisSettings:
-    """Settings of the reading: ``axis`` counts from 1; readings are means over 40 us x
-    2^``average``; ``absolute`` distances need an instrument with this feature.
+    """Settings of a quDIS. ``axis`` counts from 1. Readings are means over 40 us x 2^``average``.
+    ``absolute`` requests absolute distances from an instrument with this feature.
     """
 
     axis: Literal[1, 2, 3] = 1
@@ -87,8 +87,8 @@ class QudisDecoder:
     """Decoder of a quDIS (`daq.timing.samples.GreetingDecoder`). ``channels`` (rows, 1) is the
     marker counter: odd while the input is high.
 
-    The protocol sends neither signal strength nor a lost beam: only the size of a step shows a lost
-    count.
+    The protocol reports neither the signal strength nor a lost beam: only the size of a step shows
+    a lost count.
     """
 
     gaps_visible = True
@@ -175,8 +175,8 @@ class QudisDecoder:
         self._state = state
 
     def _hear_source(self, source: int, batch: Batch) -> None:
-        """Process the content of channel 0: if the instrument lacks the requested axis or measuring
-        mode, it keeps another.
+        """Check the reported content of channel 0: an instrument without the requested axis or
+        measuring mode keeps another content.
         """
         self._other_source = source != self._source
         if self._other_source:
@@ -223,7 +223,7 @@ class _TelegramBuffer:
         self._passed = 0
 
     def feed(self, chunk: bytes) -> Iterator[bytes | Junk]:
-        """Yield the telegrams that ``chunk`` completes, and the bytes between them."""
+        """Yield the telegrams that ``chunk`` completes, and the bytes between telegrams."""
         data, at = self._held + chunk, 0
         while len(data) - at >= 8:
             length, opcode = struct.unpack_from("<ii", data, at)

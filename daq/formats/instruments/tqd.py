@@ -15,8 +15,8 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TqdSettings:
-    """Settings of the detector. ``full_sum_v`` is the sum signal at full beam in volts; lost and
-    weak as for `fourdof`.
+    """Settings of the detector. ``full_sum_v`` is the sum signal at full beam in volts; the beam is
+    lost below the part ``beam_threshold`` of it, and weak below twice this part.
     """
 
     poll_hz: float = 50.0
@@ -48,19 +48,22 @@ class TqdSettings:
 _READINGS_REQUEST = struct.pack("<HBBBB", 0x0871, 0x03, 0x00, 0x50, 0x01)
 """Message 0x0871 with parameter 3 from the host 0x01 to the unit 0x50."""
 _ANSWER_BEGINS = struct.pack("<HHBBH", 0x0872, 12, 0x01 | 0x80, 0x50, 0x03)
-"""Message 0x0872 with 12 bytes of data for the host, of which the first two repeat the
-parameter."""
+"""Beginning of message 0x0872 with 12 bytes of data for the host; the first two data bytes repeat
+the parameter.
+"""
 _ANSWER_SIZE = 18
 _FULL_SCALE = 32767
 _VOLTS_PER_COUNT = np.array([10.0, 10.0, 20.0]) / _FULL_SCALE
-"""Differences span 10 V, the sum twice that."""
+"""Volts per count of the x difference, the y difference and the sum: the differences span 10 V, the
+sum 20 V.
+"""
 
 
 class TqdDecoder:
     """Decoder of a quadrant detector (`daq.timing.samples.PolledDecoder`).
 
     ``channels`` has shape (count, 3): x difference, y difference and sum in volts, with the signs
-    of the wire (the unit is known to send x inverted; the calibration of the head settles it).
+    that the unit sends (it is known to invert x; the calibration of the head finds the sign).
     Positions are NaN. The host numbers the answers.
     """
 
@@ -80,8 +83,8 @@ class TqdDecoder:
         self._frames.clear()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the answers that ``chunk`` completes, a sample each. Other messages of the unit
-        are garbage notices.
+        """Return the answers that ``chunk`` completes, one sample per answer. Other messages of the
+        unit are garbage notices.
         """
         batch = Batch()
         for part in self._frames.feed(chunk):

@@ -1,5 +1,5 @@
-"""The properties of a uMD board by its low-speed codes, and their effect on the reading of its
-lines.
+"""The properties of a uMD board from its low-speed codes, and their effect on the decoding of the
+board's lines.
 
 One line in 32 (uMD0: in 256) carries a code (field 6) with data (field 7); reference: instruments
 1.A.
@@ -12,7 +12,7 @@ from stepdiag.base.messages import Words, message
 from stepdiag.daq.formats.instruments.umd.reading import PhaseUse, Reading
 
 SIGNAL_CODES = {1: message("laser-power"), 2: message("signal-strength")}
-"""A value without a documented scale: passed on, but not used."""
+"""Codes of values without a documented scale: the values are passed on, but not used."""
 ENVIRONMENT_CODES = {
     3: ("temperature_1_c", 0.01),
     4: ("temperature_2_c", 0.01),
@@ -26,16 +26,20 @@ FIRMWARE_FLAGS_CODE = 112  # only from v264 on; a diagnostic before
 
 EIGHT_BIT_PHASE_FLAG = 2
 UMD0_RATE_HZ = 244.14
-"""uMD0 counts only the lines it sends, so an overrun leaves no gap; uMD1 and uMD2 count samples."""
+"""Sample rate of a uMD0 in Hz. A uMD0 counts only the lines that it sends, so an overrun leaves no
+gap; uMD1 and uMD2 count samples.
+"""
 WRONG_PHASE_FIRMWARE = 315
-"""uMD2 v3.15e splits its phase so that about half of the values are a whole count wrong."""
+"""Firmware v3.15e of a uMD2 splits the phase so that about half of the values are wrong by a whole
+count.
+"""
 SPLIT_VERSION_FIRMWARE = range(264, 300)
 """Firmware v264.xx restarts its version numbers after v3.15e (315); uMD1 v60.00 sends 6000."""
 
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """A remark that a code gives rise to; fields as in `daq.timing.samples.Notice`."""
+    """A remark caused by a low-speed code; the fields are those of `daq.timing.samples.Notice`."""
 
     code: Literal["rate", "device", "environment"]
     why: Words = ""
@@ -44,8 +48,8 @@ class Remark:
 
 
 class Board:
-    """The known properties of the board. ``phase_bits`` (8, 16) overrides the width sent by its
-    firmware.
+    """The known properties of a uMD board. ``phase_bits`` (8 or 16) overrides the width of the
+    phase field sent by the firmware.
     """
 
     def __init__(self, phase_bits: int | None) -> None:
@@ -55,7 +59,7 @@ class Board:
         self._phase_bits = phase_bits
         self._codes: dict[int, int] = {}
         self.reading = self._read()
-        """Reading of the lines from now on; another object after each change."""
+        """The rules for the lines from now on; a change of the board gives another object."""
 
     @property
     def counts_every_sample(self) -> bool:
@@ -65,12 +69,12 @@ class Board:
         return self.rate_hz is not None and abs(self.rate_hz / UMD0_RATE_HZ - 1) > 0.01
 
     def knows(self, code: int, data: int) -> bool:
-        """Return whether a code is a repetition."""
+        """Return whether a code with these data is a repetition."""
         return self._codes.get(code) == data
 
     def hear(self, code: int, data: int) -> Remark | None:
-        """Take a low-speed code. Returns its remark; a repeated code gives a remark only when it
-        changes.
+        """Take a low-speed code with its data. Return the remark of the code: a value of air or
+        material always gives one, any other code only if its data changed.
         """
         if code in ENVIRONMENT_CODES:
             name, scale = ENVIRONMENT_CODES[code]

@@ -34,12 +34,13 @@ from stepdiag.daq.timing.samples import Flag, Samples
 class UmdSettings:
     """Settings of a uMD board.
 
-    ``axis`` is the measurement channel 1, 2 or 3; ``optics`` the fold of the interferometer (1
-    single pass: retroreflector, or flat mirror seen by a single-aperture head; 2 plane mirror
-    interferometer, 4 high resolution); positions are of the vacuum wavelength: the air index is
-    applied downstream. ``latency_s`` is the delay inside the board (uMD1 v60: 24 sample periods).
-    ``phase_bits`` overrides the width of the phase field that the firmware sends (None: as sent;
-    until then a non-zero phase is flagged).
+    ``axis`` is the measurement channel 1, 2 or 3. ``optics`` is the optics factor of the
+    interferometer: 1 for a single pass (retroreflector, or flat mirror with a single-aperture
+    head), 2 for a plane mirror interferometer, 4 for high resolution. Positions are computed with
+    the vacuum wavelength; the air index is applied later. ``latency_s`` is the delay inside the
+    board (uMD1 v60: 24 sample periods). ``phase_bits`` overrides the width of the phase field that
+    the firmware sends. With None the sent width is used, and until it is received a non-zero phase
+    is flagged.
     """
 
     axis: int = 1
@@ -66,8 +67,8 @@ _RAW_COUNT = (
     Wrap(-(2**31), 2**31 - 1, 1000),
     Wrap(0, 2**32 - 1, 1000),
 )
-"""uMD0 prints its 32-bit sequence number as a signed 16-bit one; the others wrap at 32 bits. At
-most 1000 steps are accepted across the end of the counter.
+"""Ranges of the sequence number. A uMD0 prints its 32-bit number as a signed 16-bit number; the
+other boards wrap at 32 bits. At most 1000 steps are accepted across the end of a range.
 """
 
 _REF, _SEQUENCE, _CODE, _DATA = 0, 5, 6, 7
@@ -78,9 +79,9 @@ class UmdDecoder:
     """Decoder of a uMD board (`daq.timing.samples.Decoder`).
 
     The first line of a stream may lack its beginning: its sample is flagged OUT_OF_RANGE and not
-    used. DEVICE_ERROR would mean a loss of count. A line without the configured axis gives NaN,
-    flagged DEVICE_ERROR. Until a board with REF = 0 has sent whether it is homodyne, its scale is
-    unknown: NaN, flagged HEAD_ERROR.
+    used. The flag DEVICE_ERROR would mean a loss of count. A line without the configured axis gives
+    the position NaN, flagged DEVICE_ERROR. Until a board with REF = 0 has sent whether it is
+    homodyne, its scale is unknown: the position is NaN, flagged HEAD_ERROR.
     """
 
     def __init__(self, settings: UmdSettings) -> None:
@@ -95,18 +96,19 @@ class UmdDecoder:
         self._greeted = False
         self._remarked: set[Message] = set()
         self.nominal_rate_hz: float | None = None
-        """As sent last by code 8."""
+        """The sample rate in Hz last sent with code 8."""
         self.gaps_visible = False
         """False until the rate shows a board that counts the samples which it could not send."""
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete line and skip the rest of it: the stream was interrupted."""
+        """Discard the incomplete line, and skip the rest of this line: the stream was
+        interrupted.
+        """
         self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the samples that ``chunk`` completes, their position in mm of the vacuum
-        wavelength."""
+        """Return the samples that ``chunk`` completes; positions in mm by the vacuum wavelength."""
         block = self._lines.feed(chunk)
         if not block:
             return NOTHING
@@ -148,8 +150,8 @@ class UmdDecoder:
         )
 
     def _news(self, rows: Rows) -> list[int]:
-        """Return the rows with a code; none if every code is a repetition, for a board repeats a
-        few codes all the time.
+        """Return the indices of rows with a code; empty if every code is a repetition, because a
+        board repeats a few codes all the time.
         """
         coded = np.flatnonzero(rows[:, _CODE])
         codes = set(
@@ -162,7 +164,7 @@ class UmdDecoder:
         )
 
     def _take_first_line(self, block: bytes, batch: Batch) -> bytes:
-        """Process the line whose beginning is missing; return the rest of the block."""
+        """Process the first line, whose beginning may be missing; return the rest of the block."""
         line, _, rest = block.partition(b"\n")
         part = parse_line(line)
         if part is not None:
@@ -187,7 +189,9 @@ class UmdDecoder:
         )
 
     def _take_rows(self, rows: Rows, counter: NDArray[np.int64], batch: Batch) -> None:
-        """Add ``rows`` to the batch, cut where a code changes how lines are read."""
+        """Add ``rows`` to the batch, in parts: a new part begins where a code changes the decoding
+        of lines.
+        """
         first, base = 0, batch.count
         reading = self._board.reading
         for row in self._news(rows):
@@ -212,7 +216,7 @@ class UmdDecoder:
     def _read(
         self, rows: Rows, counter: NDArray[np.int64], reading: Reading, batch: Batch
     ) -> None:
-        """Add rows with a common way of reading."""
+        """Add rows that share the same rules of decoding to the batch."""
         meas, displacement, phase = self._columns
         if not len(rows):
             return

@@ -1,4 +1,4 @@
-"""From the numbers of `umd` lines to interferometer cycles and their faults.
+"""From the numbers of `umd` lines to interferometer cycles and flags of faults.
 
 The rules of the display's own program (reference: instruments 1.A), which subtracts the phase.
 Another public decoder adds the phase, and is wrong according to its author.
@@ -17,18 +17,21 @@ PhaseUse = Literal["unknown", "8-bit", "16-bit", "ignored"]
 
 _PHASE_STEPS = {"8-bit": 256.0, "16-bit": 65536.0}
 _PHASE_ERRORS = 0x7E00
-"""No first or second REF edge, no MEAS edge, and the same for PORTB. A negative phase is valid."""
+"""Bits of the phase field that report a missing first or second REF edge or a missing MEAS edge,
+and the same for PORTB. A negative phase is valid.
+"""
 _SLEW_MARGIN_HZ = 100_000.0
-"""MEAS below 0.1 MHz, or above twice REF less 0.1 MHz: the target is faster than the board can
-count."""
+"""If MEAS is below 0.1 MHz, or above twice REF less 0.1 MHz, the target is faster than the board
+can count.
+"""
 
 Column = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """Interpretation of the lines: ``rate_hz`` turns counts a sample into frequencies; ``homodyne``
-    is None until the board has sent it.
+    """Rules that interpret the lines. ``rate_hz`` converts counts per sample to frequencies;
+    ``homodyne`` is None until the board has sent this property.
     """
 
     rate_hz: float | None
@@ -39,8 +42,9 @@ class Reading:
     def interpret(
         self, ref: Column, meas: Column, displacement: Column, phase: Column
     ) -> tuple[NDArray[np.float64], NDArray[np.uint16]]:
-        """Return displacement in cycles (half a wavelength divided by the optics) and `Flag` bits,
-        both shape (rows,)."""
+        """Return the displacement in cycles (one cycle: half a wavelength divided by the optics
+        factor) and the `Flag` bits, both of shape (rows,).
+        """
         flags = np.zeros(len(ref), dtype=np.uint16)
         counts = displacement.astype(np.float64)
         if phase.any():
@@ -54,8 +58,8 @@ class Reading:
         return counts / self.counts_per_cycle, flags
 
     def _fraction(self, phase: Column, flags: NDArray[np.uint16]) -> NDArray[np.float64]:
-        """Return the part of a count to subtract, 0 where the phase cannot be used; set the faults
-        in ``flags``.
+        """Return the fraction of a count to subtract, 0 where the phase cannot be used; set the
+        faults of the phase in ``flags``.
         """
         if self.phase_use == "16-bit":
             return phase / _PHASE_STEPS["16-bit"]
@@ -72,8 +76,9 @@ class Reading:
         return fraction
 
     def _judge_beam(self, ref: Column, meas: Column, flags: NDArray[np.uint16]) -> None:
-        """Mark lost beams and slew errors by the counts of REF and MEAS in a sample; a homodyne
-        board has neither."""
+        """Flag lost beams and slew errors from the counts of REF and MEAS in a sample; a homodyne
+        board sends neither count.
+        """
         if not (ref.all() and meas.all()):
             mark(flags, ref == 0, Flag.HEAD_ERROR)
             mark(flags, meas == 0, Flag.BEAM_LOST)

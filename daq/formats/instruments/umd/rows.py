@@ -1,8 +1,8 @@
 """The text of `umd` lines: blocks of bytes to rows of whole numbers.
 
-`parse_line` is the definition. A block is first converted as a whole, thirty times faster in numpy.
-This requires that every line has the same plain form; otherwise the block is halved until the odd
-line stands alone.
+`parse_line` defines the conversion of a line. A block is first converted as a whole by numpy,
+thirty times faster. This requires that every line has the same plain form; otherwise the block is
+halved until the line of another form stands alone.
 """
 
 import re
@@ -20,21 +20,28 @@ Rows = NDArray[np.int64]
 """Lines of one form, shape (lines, 8) or (lines, 16)."""
 
 LINE_CAP = 1024
-"""Sixteen fields of 19 characters are 320 bytes; debug lines may be longer."""
+"""Longest line in bytes: sixteen fields of 19 characters are 320 bytes, and debug lines may be
+longer.
+"""
 
 _SINGLE_AXIS, _MULTI_AXIS = 8, 16
 _INTEGER = rb"-?[0-9]+"
 _LINE = re.compile(rb"\s*%b(?:\s+%b){7}(?:(?:\s+%b){8})?\s*" % (_INTEGER, _INTEGER, _INTEGER))
-"""Blanks around and between are free: uMD2 v2.47r ends its 16 fields with one."""
+"""A line of whole numbers. Any number of blanks may stand around and between them: uMD2 v2.47r
+sends a blank after the 16 fields.
+"""
 _BANNER = re.compile(rb"[A-Za-z][ -~]{3,}")
 """Printable text that begins with a letter: uMD0 starts with "Minimalist Homodyne Test:"."""
 
 _NUMERALS = b"0123456789-"
 _MINUS, _BLANK, _ZERO = b"- 0"
 _LIMIT = 10**18
-"""No count of a board is nearly as large; every number below it fits int64."""
+"""Numbers must be smaller: no count of a board is nearly as large, and smaller numbers fit int64.
+"""
 _PADDING = b"0" * 40
-"""A line of 16 numbers below the limit exceeds the cap only with such a run of leading zeros."""
+"""A line of 16 numbers below `_LIMIT` is longer than `LINE_CAP` only if it contains so many leading
+zeros.
+"""
 _SMALL_BLOCK = 200
 """Size in bytes below which converting the block as a whole costs more than converting its single
 lines.
@@ -50,8 +57,8 @@ class OddLine:
 
 
 def parse_lines(block: bytes) -> Iterator[Rows | OddLine]:
-    """Yield the rows and other lines of ``block``, which is empty or ends with a line feed, in
-    order. Empty lines are skipped.
+    """Yield the rows of numbers and the other lines of ``block`` in order. ``block`` is empty or
+    ends with a line feed. Empty lines are skipped.
     """
     rows = uniform_rows(block) if len(block) > _SMALL_BLOCK else None
     if rows is not None:
@@ -69,7 +76,9 @@ def parse_lines(block: bytes) -> Iterator[Rows | OddLine]:
 
 
 def parse_line(line: bytes) -> Rows | OddLine | None:
-    """Return the row, or the kind of another line; None for an empty line."""
+    """Return the row of numbers of a line, or the kind of a line without a sample; None for an
+    empty line.
+    """
     if len(line) <= LINE_CAP:
         if _LINE.fullmatch(line):
             numbers = [int(field) for field in line.split()]
