@@ -2,11 +2,11 @@
 assigns them to stops.
 
 The machine sends no stop number. So the first stops of a pass are sure by the steps between them,
-and a lost count ends the pass: the machine's place is then unknown. Every named stop is handed on
-as a dwell at its planned position, and judged like any other. A pass that seems to begin after its
-first stop may be another order of the axes: its last stop is handed on with the next standstill, or
-with the end of the count. An instrument whose marker input
-receives the machine's stop relay (quDIS) reports and counts the standstills itself.
+and a lost count ends the pass: the machine's place is then unknown. Every named stop is passed on
+as a dwell at its planned position, and judged like a dwell of a machine with signals. A pass that
+seems to begin after its first stop may have another order of the axes: its last stop is passed on
+at the next standstill, or at the end of the count. An instrument whose marker input receives the
+machine's stop relay (quDIS) reports and counts the standstills itself.
 """
 
 from collections.abc import Mapping
@@ -30,20 +30,22 @@ LOOK_NS = 200_000_000
 REACH_NS = 60_000_000_000
 """The span of time before now, in ns, in which a standstill is searched."""
 PAUSE_NS = 500_000_000
-"""Shortest time in ns between two standstills at the same level; plateaus closer in time are one
-standstill that was shaken.
+"""Shortest time in ns between two standstills at the same reading; plateaus closer in time are one
+shaken standstill.
 """
 ENDING_NS = 1_000_000_000
-"""Time in ns after a lost count during which the stops before the loss are still captured."""
+"""Time in ns after a lost count in which the stops before the loss are still captured."""
 LONG = 2.5
-"""A standstill that lasts this number of dwells is captured before it ends, because the machine may
+"""Duration in dwells after which a standstill is captured before its end, because the machine may
 stay at the last stop without limit.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class _Stand:
-    """A standstill: its bounds, its level, and its number where the marker input counts."""
+    """A standstill: its bounds in time, its reading, and its number if a marker input counts
+    standstills.
+    """
 
     from_ns: float
     to_ns: float
@@ -93,7 +95,7 @@ class ByLaser:
         self._chain = self._begun(hint.known if self._turns else {})
 
     def _begun(self, known: Mapping[int, float]) -> Chain:
-        """Return the chain of a pass that begins in the expected direction, or in the opposite
+        """Return the chain (`naming`) of a pass that begins in the expected or in the opposite
         direction; ``known`` are the readings of the present count, by stop of the outward route.
         """
         last = len(self._routes[0]) - 1
@@ -105,7 +107,7 @@ class ByLaser:
         return Chain(self._routes, *begins, signalled=False)
 
     def look(self, now_ns: int) -> tuple[list[Dwell], list[Outcome]]:
-        """Return the stops whose standstill is over, and the findings."""
+        """Return the named stops whose standstill is over, and the findings."""
         dwells: list[Dwell] = []
         outcomes: list[Outcome] = []
         if now_ns - self._looked_ns < LOOK_NS:
@@ -136,7 +138,9 @@ class ByLaser:
         return dwells, outcomes
 
     def finish(self) -> list[Dwell]:
-        """Return the last stop that waits for the next standstill: none follows in this count."""
+        """Return the last stop that waits for the next standstill: the count has ended, so no
+        standstill follows.
+        """
         held, self._held = self._held, []
         return [self._dwell(stop, stand) for stop, stand in held]
 
@@ -146,8 +150,8 @@ class ByLaser:
         return any(each.watched for each in self._laser.breaks[seen:])
 
     def _over(self, *, lost: bool) -> list[_Stand]:
-        """Return the standstills that ended since the last call, a standstill that lasts long, and
-        a standstill during which the beam was lost.
+        """Return the standstills that ended since the last call, also a standstill that lasts long
+        (`LONG`), and one during which the beam was lost.
         """
         newest = self._laser.newest_ns()
         if not np.isfinite(newest):
@@ -176,7 +180,9 @@ class ByLaser:
         return abs(float(span.position_mm[-1]) - stand.level_mm) > STILL_MM
 
     def _name(self, stand: _Stand, outcomes: list[Outcome]) -> list[tuple[int, _Stand]]:
-        """Return the stops that a standstill makes sure, with the standstill of each."""
+        """Return the stops that are sure after a further standstill, each with its own
+        standstill.
+        """
         if self._held or self._other_order:
             return self._after_last(stand)
         self._stands.append(stand)
@@ -205,8 +211,9 @@ class ByLaser:
         return sure
 
     def _after_last(self, stand: _Stand) -> list[tuple[int, _Stand]]:
-        """Return the last stop of a pass that began after its first stop; nothing where the machine
-        goes on by a step of the plan, in another order of the axes."""
+        """Return the last stop of a pass that began after its first stop; empty if the machine
+        continues by a step of the plan, because the order of the axes is then another.
+        """
         held, self._held = self._held, []
         steps_mm = np.diff(self._routes[self._chain.best.way].nominal_mm)
         self._other_order = self._other_order or any(
@@ -230,8 +237,8 @@ class ByLaser:
         self._say("error", words, outcomes)
 
     def _report_nowhere(self, path: Path, stand: _Stand, outcomes: list[Outcome]) -> None:
-        """Report a standstill at no stop of a pass. Before a pass, only a step beyond the last stop
-        of the previous pass is reported: that pass may be shifted by a stop.
+        """Report a standstill that is at no stop of a pass. Before a pass, only a step beyond the
+        last stop of the previous pass is reported: that pass may be shifted by a stop.
         """
         route, stop = self._routes[path.way], max(path.stop, 0)
         if stop not in path.known:
@@ -247,13 +254,15 @@ class ByLaser:
             self._say("error", message("place-unknown.one-more", setup=self.setup), outcomes)
 
     def _say(self, severity: Severity, words: Message, outcomes: list[Outcome]) -> None:
-        """Take a finding once a log."""
+        """Add a finding once per log."""
         if words.code not in self._reported:
             self._reported.add(words.code)
             outcomes.append(finding(severity, words, Place(setup=self.setup)))
 
     def _dwell(self, stop: int, stand: _Stand) -> Dwell:
-        """Return a standstill as a machine with signals would show it, at the planned position."""
+        """Return the dwell at the planned position that a machine with signals would show for a
+        standstill.
+        """
         x_mm, y_mm, z_mm = self._routes[self._chain.best.way].planned_mm(stop)
         from_ns, to_ns = int(stand.from_ns), int(stand.to_ns) - EDGE_NS
         before, self._left_ns = self._left_ns, to_ns
@@ -269,7 +278,7 @@ class ByLaser:
 
 
 def _plateaus(span: Span, least_s: float) -> list[_Stand]:
-    """Return the plateaus of a span; a shaken standstill appears as several plateaus."""
+    """Return the plateaus in a span of samples; a shaken standstill appears as several plateaus."""
     return [
         _Stand(each.from_ns, each.to_ns, each.level_mm)
         for each in find_plateaus(span.time_ns, span.position_mm, min(least_s, 0.2))
@@ -299,8 +308,8 @@ def _marked(span: Span) -> list[_Stand]:
 
 
 def _without_shakes(parts: list[_Stand], span: Span) -> list[_Stand]:
-    """Return the parts; parts of one standstill, between which the machine was shaken but did not
-    move, are joined.
+    """Return the standstills: plateaus between which the machine was shaken but did not move are
+    joined.
     """
     found: list[_Stand] = []
     for part in parts:

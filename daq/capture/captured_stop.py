@@ -1,4 +1,4 @@
-"""A stop of a pass as it was captured: what goes into the log, and from there to the readings."""
+"""A captured stop of a pass, as stored in the log and passed on to the readings."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -9,8 +9,8 @@ from stepdiag.base.messages import Message, Words, joined
 
 
 class Remark(msgspec.Struct, frozen=True):
-    """Why a person should inspect a stop: a finding's code and its message; only the text in a log
-    of a version without codes.
+    """The reason why a person should inspect a stop: a finding's code and its message. A log of a
+    version without codes has only the text.
     """
 
     code: str
@@ -18,17 +18,18 @@ class Remark(msgspec.Struct, frozen=True):
 
 
 class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
-    """A stop of a pass, as stored in the log and passed on to the readings.
+    """A captured stop.
 
     ``position_mm`` is the commanded position from the machine, or the planned position if the
     machine sends none. ``reading_mm`` is the laser's reading, sign applied, in its own length unit
     before any air correction, None without a beam. ``u_um`` is the standard uncertainty of the
     window's mean (of the QD's lateral movement in a run of the 4-DOF head). ``broken`` is the
-    reason why the laser's count does not reach back to the previous stop, ``unwatched`` why it may
-    not. ``doubts`` are the reasons to doubt the stop; ``refused`` (a finding's code) is the reason
-    of an unusable reading; ``held`` names the conditions replaced by their last credible value.
-    ``turned``: this stop is the last stop of the previous pass, where the machine reversed and
-    which it had reached during that pass. ``channels`` are the means of the 4-DOF head.
+    reason why the laser's count does not reach back to the previous stop, ``unwatched`` the reason
+    why it may not reach back. ``doubts`` are the reasons to doubt the stop; ``refused`` (a
+    finding's code) is the reason of an unusable reading; ``held`` names the conditions replaced by
+    their last credible value. ``turned``: the stop is also the last stop of the previous pass; the
+    machine arrived during that pass and reversed there. ``channels`` are the means of the 4-DOF
+    head.
     """
 
     setup: str
@@ -71,8 +72,8 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
         return tuple(dict.fromkeys(each.code for each in self.doubts))
 
     def why(self, *codes: str) -> Words:
-        """Return why a person should inspect the stop, in the part that a finding names; empty
-        without a doubt.
+        """Return the reasons why a person should inspect the stop, of all doubts or of those with
+        the given codes; empty without a doubt.
         """
         return joined(
             list(
@@ -97,7 +98,7 @@ def from_log(fields: dict[str, Any]) -> CapturedStop:
 
 
 def remarks_of(doubts: Iterable[Message]) -> tuple[Remark, ...]:
-    """Return the doubts of a stop as its remarks."""
+    """Return doubts (messages) in the form stored with a stop."""
     return tuple(Remark(each.code, each) for each in doubts)
 
 

@@ -1,9 +1,9 @@
-"""Air and material at a stop, judged while recording: impossible values are rejected, and so are
-jumps from the last value.
+"""Air and material at a stop, judged while recording: impossible values and jumps from the last
+value are rejected.
 
-The last credible value is used instead, with an uncertainty that grows with its age. Without an
-earlier value, the value of the survey file is used, and the stop is doubted if the reading depends
-on it. A reading is recorded in any case: its air can be corrected later.
+For a rejected value the last credible value is used, with an uncertainty that grows with its age.
+Without an earlier value, the value of the survey file is used, and the stop is doubted if the
+reading depends on it. A reading is recorded in any case: its air can be corrected later.
 """
 
 import math
@@ -22,17 +22,17 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
 
 BELIEVED_STOPS = 5
-"""Number of consecutive stops that must agree on a jumped value before the program accepts it; the
+"""Number of consecutive stops that must agree on the value after a jump before it is accepted; the
 jump itself remains a doubt.
 """
 STALE_NS = 60_000_000_000
-"""Age in ns beyond which a sensor's value is no longer a present reading: the sensor is silent."""
+"""Age in ns of a sensor's last value above which the sensor counts as silent."""
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """Largest distance of a quantity from its last credible value: at once, and per hour; and its
-    unit.
+    """Largest change of a quantity from its last credible value: a constant, plus a change per
+    hour; and the unit of both.
     """
 
     at_once: float
@@ -46,15 +46,15 @@ CONDITIONS: Mapping[str, Message] = {
     "air_pressure_hpa": message("air-pressure-hpa"),
     "relative_humidity_percent": message("relative-humidity-percent"),
 }
-"""The conditions, named in words for a person."""
+"""The names of the conditions in words."""
 COURSES: Mapping[str, Course] = {
     "material_temperature_c": Course(1.0, 5.0, "C"),
     "air_temperature_c": Course(2.0, 10.0, "C"),
     "air_pressure_hpa": Course(2.0, 5.0, "hPa"),
     "relative_humidity_percent": Course(15.0, 30.0, "%"),
 }
-"""Largest effect of an opened door on the air from a stop to the next; largest change of the
-weather's pressure in an hour.
+"""Largest changes of the conditions: an opened door changes the air from one stop to the next, and
+the weather changes the pressure within an hour.
 """
 
 
@@ -67,8 +67,9 @@ UNITS_HPA: Mapping[str, float] = {
     "bar": 1000.0,
 }
 UNIT_NEAR, UNIT_FAR = 0.06, 0.2
-"""A pressure is in another unit if this unit brings it to the pressure of [environment], within the
-weather, and it is no height of a hall: 760 mmHg is the air at sea level, 760 hPa the air at 2300 m.
+"""Limits, as shares of the pressure in [environment], that recognise another unit of a pressure: in
+this unit the pressure is near (within the weather), in hPa it is far (no hall is so high). 760 mmHg
+is the air at sea level, 760 hPa the air at 2300 m.
 """
 
 
@@ -84,7 +85,7 @@ class Teller(Protocol):
 
     @property
     def conditions(self) -> Mapping[str, float]:
-        """The newest values, by the names of the signals."""
+        """The newest values of air and material, by the names of the signals."""
         ...
 
 
@@ -93,8 +94,8 @@ Trouble = Literal["conditions-held.silent", "conditions-held.implausible", "sens
 
 @dataclass(slots=True)
 class Judged:
-    """The signals with the accepted values of the sensors, the conditions that were ``held``, the
-    new ``remarks`` and the ``doubted`` conditions.
+    """The judged signals: the signals with the accepted values of the sensors, the conditions with
+    a replaced value (``held``), the new ``remarks`` and the ``doubted`` conditions.
     """
 
     signals: Signals
@@ -121,11 +122,11 @@ def with_air(
     """Return the signals with the values sent by the sensor, or by the laser's own sensors, where
     the survey takes air and material from them.
 
-    ``silent`` names its expected values without a reading for `STALE_NS`: None, or NaN for the
-    judge of the values (`Conditions`).
+    ``silent`` is the value of an expected quantity that the sensor has not sent for `STALE_NS`:
+    None, or NaN, which `Conditions` judges.
     """
     names = condition_names(survey, sensor)
-    # asked for every event: the bytes of the sensor are decoded only where somebody takes them
+    # called for every event: the sensor's bytes are decoded only if its values are used
     if not names:
         return signals
     fresh = sensor.conditions_since(now_ns - STALE_NS)
@@ -133,8 +134,8 @@ def with_air(
 
 
 def condition_names(survey: Survey, sensor: Teller) -> tuple[str, ...]:
-    """Return the conditions expected from a sensor or the laser, and further conditions of the
-    laser; none without such a source.
+    """Return the names of the conditions expected from a sensor or the laser, and of further
+    conditions that the laser sends; none without such a source.
     """
     own = promised(survey)
     own_sensors = sensor.conditions if survey.environment.source == "laser" else ()
@@ -154,8 +155,8 @@ def believed_before(
     wall_offset_ns: int,
     credible: Mapping[str, Credible],
 ) -> dict[str, Credible]:
-    """Return the values at the beginning of a log: the values of the previous logs, and the
-    sensor's values since then, if credible.
+    """Return the credible values at the beginning of a log: the values of the previous logs,
+    replaced by credible values that the sensor has sent since.
     """
     fresh = sensor.conditions_since(now_ns - STALE_NS)
     measured = {
@@ -184,8 +185,8 @@ class Conditions:
         return dict(self._credible)
 
     def judge(self, signals: Signals, time_s: float) -> Judged:
-        """Return the sensors' values in use at a stop; all conditions where the survey file fixes
-        them.
+        """Return the signals of a stop with the values of air and material in use. They are
+        unchanged if the survey file fixes the conditions.
         """
         if self._environment.source == "fixed":
             return Judged(signals)
@@ -201,10 +202,12 @@ class Conditions:
     def _believe(
         self, name: str, value: float, time_s: float, judged: Judged
     ) -> float | None:
-        """Return the valid value: unchanged, the last credible value, or None without one."""
+        """Return the value of a condition to use: the sensor's value, the last credible value, or
+        None without either.
+        """
         last = self._credible.get(name)
         if math.isnan(value) and last is not None and time_s - last.time_s < STALE_NS * 1e-9:
-            return last.value  # from before this log began
+            return last.value  # a value from before this log
         code = self._wrong(name, value, time_s)
         if code == "sensor-jump" and self._agreed(name, value):
             judged.doubted.append(
@@ -228,7 +231,7 @@ class Conditions:
         return None if held is None else held.value
 
     def _wrong(self, name: str, value: float, time_s: float) -> Trouble | None:
-        """Return the finding's code of a rejected value; None for an accepted value."""
+        """Return the code of the finding that rejects a value; None for an accepted value."""
         if math.isnan(value):
             return "conditions-held.silent"
         if not _possible(name, value) or self._unit(name, value):
@@ -241,8 +244,8 @@ class Conditions:
         )
 
     def _unit(self, name: str, value: float) -> str:
-        """Return the unit in which a pressure agrees with [environment]; empty for hPa, or for
-        none.
+        """Return the other unit in which a pressure agrees with [environment]; empty if hPa, or no
+        unit, agrees.
         """
         stated = self._environment.air_pressure_hpa
         if (
@@ -278,7 +281,9 @@ class Conditions:
         )
 
     def _unknown(self, name: str, value: float) -> list[Message]:
-        """Return the doubt of a reading that depends on an unmeasured quantity."""
+        """Return the doubt of a reading that depends on an unmeasured condition; empty if it does
+        not.
+        """
         if name in self._credible or name not in self._needed:
             return []
         unit, stated = COURSES[name].unit, getattr(self._environment, name)

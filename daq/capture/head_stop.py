@@ -1,8 +1,8 @@
-"""A stop of a 4-DOF run, placed by the head's own stream: the laser may see nothing along this
-axis.
+"""A stop of a 4-DOF run: the head's stream determines its window, because the laser may not measure
+along this axis.
 
-The head is steady when its quadrant detector is steady. A slide that coasts to rest appears there
-as vibration, not as travel; only Modbus reports that the machine stands.
+The head is steady when its quadrant detector is steady. A slide that coasts to rest appears in the
+head's stream as vibration, not as travel; only Modbus reports that the machine stands.
 """
 
 import math
@@ -21,7 +21,7 @@ of 2 mm radius (0.3 to 0.9 mm for 1 to 3 mm). This figure only judges whether th
 the measurement uses the head's calibration.
 """
 LEVER_MM = 100.0
-"""Change of an angle that counts as a movement: it only judges whether the instrument has come to
+"""Lever in mm that converts an angle to a movement, to judge whether the instrument has come to
 rest.
 """
 Trouble = Literal[
@@ -39,8 +39,9 @@ TROUBLES: tuple[tuple[Flag, Trouble], ...] = (
 
 
 class QdView:
-    """The head's stream seen as a length: ``position_mm`` is the livelier lateral movement of the
-    target that the QD shows."""
+    """The head's stream as a length: ``position_mm`` is the lateral movement of the target on the
+    QD, in the direction with the larger movement.
+    """
 
     def __init__(self, head: StreamBuffer) -> None:
         self._head = head
@@ -50,7 +51,7 @@ class QdView:
 
     @property
     def breaks(self) -> list[Break]:
-        """Return the losses of light: in a dwell, the samples before a loss are not used."""
+        """Return the losses of light; of a dwell, the samples before a loss are not used."""
         return self._head.breaks
 
     def newest_ns(self) -> float:
@@ -78,8 +79,8 @@ class QdView:
 
 
 class AngleView(QdView):
-    """The stream of an autocollimator or a level seen as a length: ``position_mm`` is the movement
-    of the livelier angle at the lever `LEVER_MM`.
+    """The stream of an autocollimator or a level as a length: ``position_mm`` is the movement of
+    the angle with the larger movement, at the lever `LEVER_MM`.
     """
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:

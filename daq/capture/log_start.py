@@ -1,5 +1,5 @@
-"""State of the survey at the beginning of its log. The log holds this state, so that a replay
-begins in the same way.
+"""State of a survey at the beginning of a log. The log holds this state, so that a replay begins in
+the same way.
 """
 
 from collections.abc import Mapping
@@ -18,12 +18,12 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
     """State of a setup at the beginning of a log: direction and number of the next stop, and the
     last reading.
 
-    ``known`` are the readings of the laser's unbroken count so far, by stop of the outward route.
-    ``turn`` is the last stop of the previous pass in the other direction: a program that reverses
-    there begins its way back with this stop. ``believed`` are the readings of unplaced stops at the
-    end of a pass: they were its first stops if the next step of the machine is the step after these
-    stops. ``numbers`` are the numbers of the next pass out and the next pass back, whose order of
-    axes may differ.
+    ``known`` are the readings on the present unbroken count of the laser, by stop of the outward
+    route. ``turn`` is the last stop of the previous pass in the other direction: a program that
+    reverses there begins its way back with this stop. ``believed`` are the readings of stops at the
+    end of a pass whose place is assumed: they were the first stops of a pass if the machine's next
+    step is the step after them. ``numbers`` are the numbers of the next pass out and the next pass
+    back, whose order of axes may differ.
     """
 
     outward: bool = True
@@ -37,13 +37,13 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
-    """The state before a log that a capture needs: the wanted setups in order, and the stop already
-    captured.
+    """The state before a log that a capture needs: the wanted setups in order, the stop already
+    captured, and others.
 
-    ``wall_offset_ns`` added to the host's clock gives the time of day of the stops: as at the
-    beginning of the recording, so that all stops lie on a common axis of time even if the clock is
-    set meanwhile. ``breaks`` are the losses of count since the last stop of the previous log,
-    ``credible`` the last credible values of air and material. ``beyond``: whether the machine
+    ``wall_offset_ns`` is added to the host's clock for the time of day of the stops. It is the
+    offset at the beginning of the recording, so that all stops share one axis of time even if the
+    clock is set meanwhile. ``breaks`` are the losses of count since the last stop of the previous
+    log, ``credible`` the last credible values of air and material. ``beyond``: whether the machine
     overran its last stop in the previous log; None if unknown, and in logs of older versions.
     ``down`` are the links that are down, ``named`` the lines of the survey file named as wrong by
     earlier logs.
@@ -61,8 +61,8 @@ class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def start_of(run: Mapping[str, str], source: str) -> CaptureStart:
-    """Return the capture's start from a log's ``stepdiag.run`` record. Raises DataError where the
-    state is missing or damaged.
+    """Return the state from a log's ``stepdiag.run`` record. Raises DataError if the state is
+    missing or damaged.
     """
     try:
         start = msgspec.json.decode(run["start"])

@@ -12,7 +12,7 @@ LINK_DOWN: dict[Link, Message] = {
     "laser": message("samples-missing.laser"),
     "head": message("samples-missing.head"),
 }
-"""Losses named once an outage."""
+"""Message of a lost link, by link; reported once per outage."""
 
 
 class Outages:
@@ -35,12 +35,12 @@ class Outages:
             self._last[event.link] = event.time_ns, math.inf
 
     def covers(self, link: Link, from_ns: int, to_ns: int) -> bool:
-        """Return whether a link was down at any time of a closed span."""
+        """Return whether a link was down at any time from ``from_ns`` to ``to_ns``."""
         begin, end = self._last.get(link, (0.0, -math.inf))
         return begin <= to_ns and end >= from_ns
 
     def news(self, link: Link) -> bool:
-        """Return whether a loss is new; each outage counts once."""
+        """Return whether a loss on the link is new: each outage counts once."""
         this = link, self._last[link][0]
         new = this not in self._named
         self._named.add(this)

@@ -1,5 +1,4 @@
-"""The only code that opens a port or a socket: serial lines, controls, and an object that
-reconnects both.
+"""The only code that opens a port or a socket: serial lines, controls, and their reconnection.
 
 In: addresses and settings. Out: stamped bytes and register blocks, and `connected`, `silent`,
 `lost` with the reason. Imported by survey, recording, head and, of `stepdiag`, checking, daemon and

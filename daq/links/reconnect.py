@@ -1,4 +1,4 @@
-"""Keeping a link open: a common class for serial lines and Modbus.
+"""Keeps a link open: a common class for serial lines and controls.
 
 A session is a coroutine function: it opens its device, works until the device is lost, closes it,
 and ends by raising DeviceError. Any other exception is a fault of this program and ends the
@@ -19,13 +19,17 @@ from stepdiag.daq.records.status import LinkState
 FIRST_WAIT_S = 0.05
 WAIT_GROWTH = 2.0
 LONGEST_WAIT_S = 1.0
-"""Including the time of an attempt, a device is connected within two seconds of its return."""
+"""Longest wait in s between two attempts: with the time of an attempt, a device is connected within
+two seconds of its return.
+"""
 STEADY_AFTER_S = 5.0
-"""A session that ends sooner does not shorten the next wait again."""
+"""Least duration in s of a session that resets the wait to its shortest value."""
 
 
 class Report(Protocol):
-    """Receives the state of a link, a detail for a person, and the losses since the last report."""
+    """A function that receives the state of a link, a detail for a person, and the losses since the
+    last report.
+    """
 
     def __call__(
         self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()
@@ -41,7 +45,8 @@ class Reconnector:
     """Runs one session after another on a link.
 
     ``on_state`` is called at every change of state and every loss of bytes, in the event loop. The
-    first failure is logged as a warning, later ones at debug level, until the link is open again.
+    first failure is logged as a warning, later failures at debug level, until the link is open
+    again.
     """
 
     def __init__(self, name: str, session: Session, on_state: Report) -> None:
@@ -105,9 +110,9 @@ class Reconnector:
 
 
 def raise_if_cancelled() -> None:
-    """End here if this task was cancelled while an answer arrived: before Python 3.12
-    `asyncio.wait_for`, in which the client waits, then returns the answer and loses the
-    cancellation, and the daemon would never stop.
+    """Raise CancelledError if this task was cancelled while an answer arrived. Before Python 3.12,
+    `asyncio.wait_for` (the client waits in it) then returns the answer and loses the cancellation,
+    and the daemon would never stop.
     """
     task = asyncio.current_task()
     if task is not None and task.cancelling():

@@ -1,14 +1,14 @@
-"""Events <-> the JSON messages of a log.
+"""Converts events to the JSON messages of a log, and back.
 
 A message holds the events of a stream over a fraction of a second, each event with its own time.
-Measured on noisy lines at 1 kHz with one chunk a line: 16 bytes a sample with a message per event,
-10 to 12 in batches; base64 costs 3 bytes a sample more because it hides the digits from zstd; a
-binary schema saves 0.2 and is not readable. So the bytes of a chunk are stored as a text, each byte
-as the character of its number (ISO 8859-1), without loss.
+Measured on noisy lines at 1 kHz with one chunk per line, a message per event takes 16 bytes per
+sample, and batches take 10 to 12. base64 costs 3 bytes per sample more because it hides the digits
+from zstd; a binary schema saves 0.2 bytes and is not readable. So the bytes of a chunk are stored
+as a text, each byte as the character of its number (ISO 8859-1), without loss.
 
-Every event of a log has a number: its place in the order of consumption. A batch holds the numbers
-of its events as runs: ``order`` is the number of the first event, followed by turns of ``skip``
-numbers of other channels and ``run`` events of this channel.
+Every event of a log has a number: the event's place in the order of consumption. A batch holds the
+numbers of its events as runs: ``order`` is the number of the first event, followed by turns of
+``skip`` numbers of other channels and ``run`` events of this channel.
 """
 
 from collections.abc import Iterator, Sequence
@@ -45,7 +45,7 @@ MAX_TIME_NS = 2**63
 MOST_RANGES = 200
 """Largest number of ranges of one poll: more than all signals need."""
 MOST_EVENTS = 100_000
-"""Events of one message, which is written several times a second."""
+"""Largest number of events in a message; messages are written several times a second."""
 """The year 2262: no clock of a computer goes further."""
 _SECOND_NS = 1_000_000_000
 _STREAMS: dict[str, Stream] = {topic: stream for stream, topic in RAW_TOPICS.items()}
@@ -89,7 +89,7 @@ class _LinkChange(_Message):
     state_text: str
     detail: str
     message: str = ""
-    """Detail and losses as JSON, where they are messages; an older log has only the text."""
+    """Detail and losses of the link as JSON; empty in an older log, which has only a text."""
 
 
 class _Lost(_Message):
@@ -108,18 +108,18 @@ _decode_loss = msgspec.json.Decoder(_Lost).decode
 
 @dataclass(frozen=True, slots=True)
 class LogClock:
-    """Wall time of a log: the host's clock plus the offset at its beginning, whatever the wall
-    clock does afterwards.
+    """Wall time of a log: the host's clock plus its offset at the beginning of the log, even if the
+    wall clock is set later.
     """
 
     offset_ns: int
 
     def wall_ns(self, time_ns: int) -> int:
-        """Return the wall time of a monotonic time."""
+        """Return the wall time of a time of the host's clock, both in ns."""
         return time_ns + self.offset_ns
 
     def stamp(self, time_ns: int) -> _Time:
-        """Return the wall time of a monotonic time in the form of the viewers."""
+        """Return the wall time of a time of the host's clock, in the form for viewers."""
         return _Time(*divmod(self.wall_ns(time_ns), _SECOND_NS))
 
 
@@ -138,7 +138,7 @@ def whole_us(event: Event) -> Event:
     """Return the event with its times cut to whole microseconds, as the log stores them.
 
     A stamp is late by 77 us in the median (baselines.md): nanoseconds carry no information and
-    would cost a byte a sample.
+    would cost a byte per sample.
     """
     match event:
         case Chunk(stream, arrival_ns, data):
@@ -178,8 +178,8 @@ def topic_of(event: Event) -> str:
 
 
 def encode(clock: LogClock, batch: Sequence[Numbered]) -> bytes:
-    """Return the message of a batch of a topic; link changes and losses are single, blocks have
-    equal ranges.
+    """Return the message that holds a batch of one topic. A batch holds a single change of a link,
+    a single loss, chunks, or blocks with equal ranges.
     """
     first = batch[0][1]
     match first:
@@ -215,7 +215,7 @@ def encode(clock: LogClock, batch: Sequence[Numbered]) -> bytes:
 
 
 def message_of_link(event: LinkEvent) -> str:
-    """Return detail and losses of a link as JSON; empty where it has neither."""
+    """Return the detail and the losses of a link as JSON; empty without either."""
     return (
         msgspec.json.encode((event.detail, event.lost)).decode()
         if event.detail or event.lost
@@ -224,8 +224,8 @@ def message_of_link(event: LinkEvent) -> str:
 
 
 def _of_link(change: _LinkChange) -> tuple[Words, tuple[Words, ...]]:
-    """Return the detail and the losses of a link. An older log has both in one text, with the
-    losses at its end.
+    """Return the detail and the losses of a link. An older log has a single text, with the losses
+    at its end.
     """
     if change.message:
         return msgspec.json.decode(change.message, type=tuple[Words, tuple[Words, ...]])
@@ -288,8 +288,8 @@ def _to_runs(numbers: Sequence[int]) -> tuple[list[int], list[int]]:
 
 
 def decode(topic: str, data: bytes) -> list[Run]:
-    """Return the events of a message in runs; empty for a note. Raises one of
-    `daq.log.contents.DAMAGE` for any other message.
+    """Return the events of a message in runs; empty for a note. Raises one of the errors
+    `daq.log.contents.DAMAGE` for a message that is neither.
     """
     if topic in _STREAMS:
         raw = _decode_bytes(data)
@@ -364,7 +364,7 @@ def _blocks(polls: _Blocks) -> list[Event]:
     )
     ranges = tuple(_range(text) for text in polls.ranges.split("|"))
     events: list[Event] = []
-    before: str | None = None  # polls mostly repeat the poll before
+    before: str | None = None  # most polls repeat the data of the previous poll
     data: tuple[bytes, ...] = ()
     for recv_us, answer_us, text in zip(
         polls.recv_us, polls.answer_us, polls.data, strict=True

@@ -38,13 +38,15 @@ from stepdiag.daq.records.events import Event
 
 MOST_RECORDS_BEFORE_SURVEY = 16
 MAX_WAITING_EVENTS = 1_000_000
-"""Largest number of events that wait for an event with a lower number; the writer never makes more
-than a batch wait.
+"""Largest number of events that wait for an event with a lower number; in a sound log at most a
+batch waits.
 """
 
 
 MOST_EVENTS, MOST_EVENTS_PER_BYTE = 1_000_000, 4
-"""Most events of a log, in all and per byte. An event takes at least a byte, for its time."""
+"""Largest number of events of a log: a constant, plus a number per byte of the log. An event takes
+at least a byte, for its time.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,8 +54,9 @@ class LogEnd:
     """The end of a log. ``damage`` is empty for a whole log; ``run_stop`` is the recorder's last
     record, if written.
 
-    ``dropped_events`` were read, but an earlier event was lost with the damaged part (a mended log
-    has them too); ``lost_bytes`` could not be read at all.
+    ``dropped_events`` is the number of events that were read but not used, because an earlier event
+    was lost with the damaged part; a mended log contains them too. ``lost_bytes`` is the number of
+    bytes that could not be read.
     """
 
     events: int
@@ -95,7 +98,7 @@ class Log:
 
 @dataclass(slots=True)
 class _Walk:
-    """Puts the runs of all channels in order and counts the events."""
+    """Sorts the runs of events of all channels by their numbers, and counts the events."""
 
     next: int = 0
     waiting: dict[int, list[Event]] = field(default_factory=dict)
@@ -105,7 +108,9 @@ class _Walk:
     run_stop: dict[str, str] = field(default_factory=dict)
 
     def take(self, record: McapRecord) -> list[list[Event]]:
-        """Return the events that are now complete in order, as runs."""
+        """Return the events, as runs, that follow the returned events without a gap after this
+        record.
+        """
         match record:
             case Message():
                 topic = self.topics.get(record.channel_id, "")
@@ -164,7 +169,7 @@ def must_be_there(path: Path) -> None:
 
 
 def open_log(path: Path) -> Log:
-    """Return a log with its header read.
+    """Open a log and read its header.
 
     Raises DataError for a file that is unreadable, is not a log of this program, was written by a
     newer version, or was cut off inside its header.

@@ -1,5 +1,6 @@
-"""A log's laser, head or sensor of air at full rate: every sample decoded again from the raw bytes,
-with its time, in columns."""
+"""Every sample of a log's laser, head or sensor of air, decoded again from the raw bytes, with its
+time, in columns.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,13 +21,13 @@ from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.timing.stream import NOT_RECORDED, StreamBuffer
 
 AT_ONCE_NS = 30_000_000_000
-"""Samples are returned in blocks of this time: long enough for the sample clock, short enough for
+"""Duration in ns of a returned block of samples: long enough for the sample clock, short enough for
 the memory.
 """
 MOST_LINES, MOST_LINES_PER_BYTE = 250_000, 8
-"""Largest number of lines in a log's stream, in all and per byte of the log. A recorder that
-receives 100 equal lines at a time packs 7 of them into a byte; a crafted log of 46 kB unpacks to
-1.2 million lines.
+"""Largest number of lines in a log's stream: a constant, plus a number per byte of the log. A
+recorder that receives 100 equal lines at a time packs 7 of them into a byte; a crafted log of 46 kB
+unpacks to 1.2 million lines.
 """
 COLUMNS = ("time_ns", "mono_ns", "counter", "position_mm", "beam", "flags")
 

@@ -1,5 +1,5 @@
-"""The files of ``stepdiag decode``: every sample as CSV, Parquet, or MCAP beside the notes of its
-log.
+"""The files of ``stepdiag decode``: every sample as CSV, as Parquet, or as MCAP together with the
+notes of the log.
 """
 
 import csv
@@ -24,11 +24,13 @@ from stepdiag.daq.records.events import Stream
 
 RAW = {*RAW_TOPICS.values(), BLOCK_TOPIC}
 Write = Callable[[Path, Log, Stream, Iterator[Decoded]], int]
-"""Writes the blocks of a stream into a new file and returns how many samples it holds."""
+"""A function that writes the blocks of a stream into a new file and returns the number of samples
+in the file.
+"""
 
 
 def write_csv(path: Path, _log: Log, _stream: Stream, blocks: Iterator[Decoded]) -> int:
-    """Write one line a sample, with a header; an unknown value is empty."""
+    """Write a header, and one line per sample; an unknown value is an empty field."""
     count = 0
     with path.open("x", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -45,8 +47,9 @@ def write_csv(path: Path, _log: Log, _stream: Stream, blocks: Iterator[Decoded])
 
 
 def write_parquet(path: Path, log: Log, stream: Stream, blocks: Iterator[Decoded]) -> int:
-    """Write columns with their types, the log's name and the stream in the file's metadata. Raises
-    UsageError without pyarrow."""
+    """Write typed columns; the file's metadata name the log and the stream. Raises UsageError
+    without pyarrow.
+    """
     try:
         import pyarrow as pa
         from pyarrow import parquet

@@ -1,8 +1,8 @@
 """Waiting for the disk in a separate thread: a sync takes 3 ms in the median and 140 ms at worst
 (baselines.md).
 
-Meanwhile the recorder continues to pass bytes to the operating system, where they survive the end
-of the process.
+Meanwhile the recorder continues to pass bytes to the operating system; there the bytes survive the
+end of the process.
 """
 
 import threading
@@ -25,8 +25,8 @@ class DiskSync:
         self._thread.start()
 
     def request(self, file: PartFile) -> None:
-        """Sync the bytes drained into ``file`` until now, after a sync that may be under way.
-        Raises the error of the previous sync.
+        """Sync the bytes drained into ``file`` until now; a running sync ends first. Raises the
+        error of the previous sync.
         """
         with self._changed:
             error, self._error = self._error, None

@@ -1,5 +1,5 @@
-"""A file written during the recording: ``<name>.part`` until it is whole; no other file is
-overwritten.
+"""A file written during the recording; its name is ``<name>.part`` until the file is complete. No
+other file is overwritten.
 """
 
 import errno
@@ -15,14 +15,15 @@ _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 class PartFile:
     """Stores bytes in memory and drains them to disk on request.
 
-    A failing disk never raises an error in the writer above: bytes that a full disk refuses stay
-    here and are drained when there is space again, so that no record is torn in the middle of the
-    file. Not safe for use from two threads.
+    A failing disk never raises an error in the writer above: bytes that a full disk refuses stay in
+    memory and are drained when there is space again, so that no record is torn. Not safe for use
+    from two threads.
     """
 
     def __init__(self, path: Path, suffix: str = PART_SUFFIX) -> None:
-        """Create ``path`` with the suffix; raises FileExistsError where it or ``path`` exists
-        already."""
+        """Create the file ``path`` with the suffix. Raises FileExistsError if this file or ``path``
+        exists.
+        """
         if path.exists():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
         self.path = path
@@ -32,7 +33,7 @@ class PartFile:
         self._written = 0
 
     def write(self, data: bytes) -> int:
-        """Store bytes; they are on disk after `drain`."""
+        """Store bytes in memory for the next `drain`."""
         self._waiting += data
         return len(data)
 
@@ -49,8 +50,8 @@ class PartFile:
         return len(self._waiting)
 
     def drain(self) -> None:
-        """Pass all bytes to the operating system. Raises OSError; the remaining bytes stay for the
-        next call.
+        """Pass all stored bytes to the operating system. Raises OSError; bytes not passed stay
+        stored for the next call.
         """
         while self._waiting:
             count = os.write(self._descriptor, self._waiting)
@@ -62,8 +63,8 @@ class PartFile:
         sync_file(self._descriptor)
 
     def publish(self) -> None:
-        """Give the whole file its name. Raises FileExistsError when another file has this name: the
-        ``.part`` then remains.
+        """Rename the complete file to its final name. Raises FileExistsError if another file has
+        this name; the ``.part`` then remains.
 
         May be called again after another OSError.
         """

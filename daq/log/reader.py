@@ -2,8 +2,8 @@
 record.
 
 A log may be cut off at any byte, or be a foreign file. No length in the file is trusted: records,
-chunks and their unpacked contents have limits, and one list, `DAMAGE`, names every error of the
-reader below on damaged bytes.
+chunks and their unpacked contents have limits, and `DAMAGE` lists every error that the reader
+library raises on damaged bytes.
 """
 
 import struct
@@ -25,12 +25,12 @@ from stepdiag.daq.log.part_file import PART_SUFFIX
 
 MAX_RECORD_BYTES = 64_000_000
 MAX_CHUNK_BYTES = 16_000_000
-"""Limits far above every written size: chunks are of 64 KiB, packed ones of a megabyte, and the
-largest record is the index at the end.
+"""Largest record and largest chunk in bytes, far above every written size: chunks have 64 KiB,
+chunks of packed logs a megabyte, and the largest record is the index at the end.
 """
 MOST_UNPACKED_BYTES, MOST_UNPACKED_PER_BYTE = 16_000_000, 1000
-"""Largest number of unpacked bytes of all chunks, in all and per byte read. A laser at rest for
-hours comes to 400.
+"""Largest number of unpacked bytes of all chunks: a constant, plus a number per byte read. The log
+of a laser at rest for hours has 400 per byte.
 """
 
 
@@ -58,8 +58,8 @@ DAMAGE = (
     RecursionError,
     OverflowError,
 )
-"""Every error that damaged bytes raise in the reader (measured: cut at every byte, bits flipped;
-ValueError covers wrong numbers).
+"""Every error that damaged bytes raise in the reader (measured on logs cut at every byte and with
+flipped bits; ValueError stands for wrong numbers).
 """
 
 
@@ -92,8 +92,8 @@ class RecordReader:
     """The records of a file in order. After the iteration ``damage`` names the reason of an early
     end, or is empty.
 
-    A log that was closed after its listing is read under its new name: ``path`` is the new name
-    after the iteration.
+    A log that was closed after the folder was listed has a new name: after the iteration ``path``
+    is this name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -126,7 +126,7 @@ class RecordReader:
                 self.damage = damage_of(error)
 
     def _open(self) -> BinaryIO:
-        """Return the file. Raises DataError."""
+        """Return the opened file, under its old or new name. Raises DataError if there is none."""
         try:
             if self.path.suffix == PART_SUFFIX:
                 with suppress(FileNotFoundError):
@@ -140,7 +140,7 @@ class RecordReader:
 
 
 def stored_bytes(path: Path) -> int:
-    """Return the size of a log in bytes, also of a log that was closed after its listing. Raises
+    """Return the size of a log in bytes, also if the log was closed and renamed meanwhile. Raises
     DataError if the log no longer exists.
     """
     try:

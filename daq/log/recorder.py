@@ -25,11 +25,11 @@ from stepdiag.daq.log.writer import ExitStatus, LogHeader, LogWriter
 from stepdiag.daq.records.events import Event, Loss
 
 FLUSH_S = 0.36
-"""A killed process loses less than this time in s, the 70 ms of reader and loop, and the time of a
-write: the limit is half a second.
+"""Longest time in s between two flushes. A killed process loses this time, the 70 ms of reader and
+loop, and the time of a write; the limit is half a second in all.
 """
 SYNC_S = 1.0
-"""A power failure loses at most this time in s; a captured stop is synced at once."""
+"""Longest time in s that a power failure may lose; a captured stop is synced at once."""
 RETRY_S = 0.5
 """Wait in s after a refusal of the disk before the next try."""
 WAKE_BYTES = 262_144
@@ -46,8 +46,8 @@ State = Literal["idle", "recording", "blocked", "dead"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecorderHealth:
-    """State of the recorder: ``blocked`` while the disk refuses, ``dead`` when the thread has ended
-    by an error.
+    """State of the recorder: ``blocked`` while the disk refuses bytes, ``dead`` after an error has
+    ended the thread.
     """
 
     state: State
@@ -72,8 +72,8 @@ class _End:
 
 @dataclass(frozen=True, slots=True)
 class _Promise:
-    """A note with a waiting reader: ``saved`` is called as soon as the note would survive the end
-    of this process.
+    """A note whose storage must be reported: ``saved`` is called as soon as the note would survive
+    the end of this process.
     """
 
     note: Note
@@ -135,15 +135,16 @@ class Recorder:
         )
 
     def begin(self, path: Path, header: LogHeader) -> None:
-        """Begin the log ``path``; until `end` it is written as ``<path>.part``. An existing file of
-        either name ends the recorder."""
+        """Begin the log ``path``; until `end` its name is ``<path>.part``. An existing file with
+        either name ends the recorder.
+        """
         self._lost_before_log = self._lost_events
         self._put(0, _Begin(path, header))
         self._wake.set()
 
     def admit(self, event: Event) -> tuple[Event, ...]:
-        """Record the next event; return the events to consume: the event, a `Loss` before it after
-        a gap, or nothing when it is refused.
+        """Record the next event and return the events to consume: this event, after a gap a `Loss`
+        and this event, or nothing if the event is refused.
         """
         event = whole_us(event)
         size = size_of(event)
@@ -162,8 +163,8 @@ class Recorder:
         return admitted
 
     def note(self, note: Note) -> None:
-        """Take a note. While the disk is too slow, notes are discarded, because a replay computes
-        them again from the events.
+        """Record a note. While the disk is too slow, notes are discarded, because a replay computes
+        notes again from the events.
         """
         if self._state != "dead" and self._backlog <= self._limit:
             self._put(1000, note)
@@ -172,16 +173,16 @@ class Recorder:
         """Record the note of a captured stop, or of the end of its pass, and write it at once
         together with everything before it.
 
-        ``saved`` is called, in the recorder's thread and in the order of the notes, when a killed
-        process would not lose the note any more: only then may the stop be reported. A note that a
-        full disk refuses is kept; a note that a dead recorder cannot take is never saved.
+        ``saved`` is called, in the recorder's thread and in the order of the notes, when the note
+        would survive the end of the process: only then may the stop be reported. A note that a full
+        disk refuses stays in memory; a dead recorder never calls ``saved``.
         """
         if self._state != "dead":
             self._put(1000, _Promise(note, saved))
             self._wake.set()
 
     def end(self, status: ExitStatus, reason: str = "") -> None:
-        """End the log: its indexes are written and it gets its name."""
+        """End the log: the indexes are written, and the file gets its final name."""
         self._put(0, _End(status, reason, self._lost_events - self._lost_before_log))
         self._wake.set()
 
@@ -208,7 +209,7 @@ class Recorder:
         self._loss_noted, self._lost_bytes = self._lost_events, 0
         return loss
 
-    # From here on: the recorder's own thread.
+    # The methods below run in the recorder's own thread.
 
     def _run(self) -> None:
         try:
@@ -238,7 +239,9 @@ class Recorder:
         return self._save(now=bool(self._promised) or stopping) and not stopping
 
     def _take(self, item: _Item) -> bool:
-        """Do one job; return False when the disk refused until the end of the recorder."""
+        """Process one waiting item; return False if the disk refused bytes until the end of the
+        recorder.
+        """
         if isinstance(item, _Begin):
             return self._insist(lambda: self._open(item))
         if self._log is None:
@@ -275,7 +278,7 @@ class Recorder:
         return True
 
     def _save(self, *, now: bool) -> bool:
-        """Flush and sync the due data; return False when the disk refused until the end of the
+        """Flush and sync the due data; return False if the disk refused bytes until the end of the
         recorder.
         """
         log = self._log
@@ -292,7 +295,7 @@ class Recorder:
         return saved
 
     def _keep_promises(self) -> None:
-        """Report every note that the operating system has received."""
+        """Call ``saved`` of every note that the operating system has received."""
         promised, self._promised = self._promised, []
         for saved in promised:
             saved()

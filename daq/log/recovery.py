@@ -1,4 +1,4 @@
-"""Contents of a log, and mending of a log that was cut off: into a new file, never in place."""
+"""Summary of a log, and mending of a log that was cut off, into a new file."""
 
 import tomllib
 from collections.abc import Iterator
@@ -21,8 +21,8 @@ from stepdiag.daq.records.events import Chunk, ModbusBlock
 
 _DRAIN_BYTES = 1_000_000
 _SUFFIX = ".recovering"
-"""Suffix of a mended log that is not complete yet: a copy, so the remains of an interrupted copy
-are overwritten.
+"""Suffix of a mended log that is not complete yet; the rest of an interrupted mending is
+overwritten.
 """
 
 
@@ -42,7 +42,7 @@ class LogInfo:
     stops: int
     end: LogEnd
     carries_token: bool = False
-    """Whether its survey file holds a token of the page, as survey files of older versions
+    """Whether the log's survey file holds a token of the page, as survey files of older versions
     could.
     """
 
@@ -91,13 +91,13 @@ def _carries_token(survey_text: str) -> bool:
     except (
         ValueError,
         RecursionError,
-    ):  # ValueError also for whole numbers of thousands of digits
+    ):  # ValueError: also a whole number of thousands of digits
         return False
     return isinstance(page, dict) and bool(page.get("token"))
 
 
 def recovered_path(path: Path) -> Path:
-    """Return the path of the mended copy of a log, beside it.
+    """Return the path of the mended copy of a log, in the same folder.
 
     ``0001.mcap.part`` gives ``0001.mcap``, its intended name; ``0001.mcap`` gives
     ``0001.recovered.mcap``.
@@ -111,9 +111,8 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
     """Write every whole message of a damaged log into a new, indexed log; the damaged log stays
     unchanged.
 
-    Raises DataError when the log is whole, is not a log of this program, when the target exists, or
-    when the mended log does not read back the same number of messages and events; UsageError where
-    writing is impossible.
+    Raises DataError if the log is whole or not a log of this program, if the target exists, or if
+    the mended log has another number of messages or events; UsageError if writing is impossible.
     """
     target = recovered_path(path) if target is None else target
     log = open_log(path)
@@ -194,8 +193,8 @@ def _copy(path: Path, file: PartFile, end: LogEnd) -> int:
 
 
 def _first(records: RecordReader, messages: int) -> Iterator[McapRecord]:
-    """Yield records up to the message with this number, the last one used by the reading of the
-    events.
+    """Yield the records of a log up to the last message that contributes events; ``messages`` is
+    its number.
     """
     left = messages
     known: set[tuple[str, int]] = set()
@@ -213,8 +212,8 @@ def _first(records: RecordReader, messages: int) -> Iterator[McapRecord]:
 
 
 def copy_record(writer: Writer, record: McapRecord) -> None:
-    """Write a record again. Schemas and channels are numbered from 1 in their order, so they get
-    the same numbers.
+    """Copy a record. Schemas and channels are numbered from 1 in order, so the copies get the same
+    numbers.
     """
     match record:
         case Header():
@@ -248,8 +247,9 @@ def copy_record(writer: Writer, record: McapRecord) -> None:
 
 
 def _check(target: Path, wanted: LogEnd) -> None:
-    """Open the mended log again and count: tools of others have reported success with an unreadable
-    file (acquisition.md B2, rule 2)."""
+    """Open the mended log again and count its messages and events: other tools have reported
+    success with an unreadable file (acquisition.md B2, rule 2).
+    """
     log = open_log(target)
     for _event in log.events():
         pass

@@ -1,8 +1,8 @@
-"""The volume, the route and the stops of a pass as Foxglove's 3D panel draws them:
-foxglove.SceneUpdate, lengths in metres.
+"""The volume, the route and the stops of a pass for Foxglove's 3D panel: foxglove.SceneUpdate,
+lengths in metres.
 
-A viewer that jumps in time receives only the newest message: each message holds the whole scene,
-for a long pass its newest stops.
+A viewer that jumps in time receives only the newest message: so each message holds the whole scene;
+of a long pass only the newest stops.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,9 @@ from stepdiag.daq.log.topics import VOLUME_TOPIC, Note
 LINE_STRIP, LINE_LIST = 0, 2
 FRAME = "machine"
 STOP_SHARE = 0.012
-"""Diameter of a stop, as a share of the longest side."""
+"""Diameter of a drawn stop, as a share of the longest side of the volume."""
 MOST_DRAWN = 250
-"""Stops in one message; a longer route is drawn as the line between its ends."""
+"""Largest number of drawn stops; a route with more stops is drawn as the line between its ends."""
 GREY, BLUE = (
     {"r": 0.6, "g": 0.6, "b": 0.6, "a": 1.0},
     {"r": 0.05, "g": 0.36, "b": 0.55, "a": 1.0},
@@ -41,8 +41,8 @@ Route = NDArray[np.float64]
 
 
 def scene_note(volume: Volume, route_mm: Route, stops: Sequence[CapturedStop]) -> Note:
-    """Return the scene after the newest stop; ``route_mm`` are the planned stops of its pass, shape
-    (k, 3).
+    """Return the scene after the newest of ``stops``; ``route_mm`` are the planned stops of the
+    pass, shape (k, 3).
     """
     size = STOP_SHARE * max(volume.size_mm) * 1e-3
     spheres = [
@@ -66,7 +66,9 @@ def scene_note(volume: Volume, route_mm: Route, stops: Sequence[CapturedStop]) -
 
 @lru_cache(maxsize=2)
 def _volume_and_route(volume: Volume, route: bytes) -> list[dict[str, Any]]:
-    """Return the lines of a pass, which all its stops share."""
+    """Return the lines of the volume and of the route, which are the same after every stop of a
+    pass.
+    """
     route_mm = np.frombuffer(route).reshape(-1, 3).tolist()
     drawn_mm = route_mm if len(route_mm) <= MOST_DRAWN else [route_mm[0], route_mm[-1]]
     return [

@@ -1,9 +1,9 @@
-"""The channels of a log: topic, hand-written schema, and the notes in them for a viewer.
+"""The channels of a log: topic, hand-written schema, and notes for a viewer.
 
 Foxglove and PlotJuggler read JSON messages with JSON schemas of a narrow dialect: the root is an
 object with properties, each property has one plain type; no unions, no references, no arrays of
-arrays (acquisition.md B2, rule 4). Units stand in the names; a state is logged as number and as
-text, because PlotJuggler drops texts (rule 6). Unknown values are left out.
+arrays (acquisition.md B2, rule 4). Names of properties contain the units; a state is logged as
+number and as text, because PlotJuggler drops texts (rule 6). Unknown values are left out.
 """
 
 import json
@@ -39,7 +39,7 @@ TIME: Schema = {
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A topic with the name of its schema and the properties of its messages."""
+    """A channel: its topic, the name of its schema, and the properties of its messages."""
 
     topic: str
     schema_name: str
@@ -190,7 +190,7 @@ _SCENE = {
     "deletions": {"type": "array", "items": _DELETION},
     "entities": {"type": "array", "items": _ENTITY},
 }
-"""The parts in use of foxglove.SceneUpdate (docs.foxglove.dev, message schemas)."""
+"""The part of foxglove.SceneUpdate that is in use (docs.foxglove.dev, message schemas)."""
 _FOXGLOVE_LOG = {
     "timestamp": TIME,
     "level": INTEGER,
@@ -224,7 +224,7 @@ DECODED_TOPICS: dict[Stream, str] = {
     "head": "/head/decoded",
     "air": "/air/decoded",
 }
-"""Every sample, in the files of ``stepdiag decode``; a log itself holds the bytes."""
+"""Topics of the samples in the files of ``stepdiag decode``; a log itself holds the bytes."""
 
 CHANNELS: tuple[Channel, ...] = (
     *(Channel(topic, "stepdiag.Bytes", _BYTES) for topic in RAW_TOPICS.values()),
@@ -261,22 +261,22 @@ DECODED_CHANNELS: dict[Stream, Channel] = {
 }
 
 MESSAGES = ("broken", "unwatched", "doubts")
-"""The fields of a stop's note that are JSON in a text, since viewers require plain types; the
-English words are in further fields.
+"""The fields of a stop's note whose text is JSON, since viewers require plain types; further fields
+hold the English words.
 """
 LOG_LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5}
-"""Levels of foxglove.Log."""
+"""Numbers of the levels of foxglove.Log."""
 
 
 def sample_note(time_ns: int, position_mm: float, beam: float | None, flags: int) -> Note:
-    """Return the laser's reading at a moment, a few times a second, for display."""
+    """Return the note of the laser's reading at a moment, for display."""
     return Note(
         SAMPLE_TOPIC, time_ns, {"position_mm": position_mm, "beam": beam, "flags": flags}
     )
 
 
 def signals_note(time_ns: int, signals: Signals) -> Note:
-    """Return the machine's signals at a moment."""
+    """Return the note of the machine's signals at a moment."""
     return Note(
         SIGNALS_TOPIC, time_ns, {name: getattr(signals, name) for name in SIGNAL_NAMES}
     )
@@ -285,11 +285,10 @@ def signals_note(time_ns: int, signals: Signals) -> Note:
 def stop_note(
     stop: CapturedStop, travel_mm: float | None = None, deviation_um: float | None = None
 ) -> Note:
-    """Return a captured stop, timed by the end of its window; the recorder syncs the file when it
-    receives the stop.
+    """Return the note of a captured stop; its time is the end of the stop's window.
 
-    ``travel_mm`` is the laser's way since the first stop of the pass, ``deviation_um`` its
-    deviation from the geometry; None if the count does not reach back.
+    ``travel_mm`` is the change of the reading since the first stop of the pass, ``deviation_um``
+    the deviation of this change from the geometry; None if the count does not reach back.
     """
     fields = msgspec.structs.asdict(stop)
     messages = {name: value for name in MESSAGES if (value := fields.pop(name))}
@@ -307,8 +306,8 @@ def stop_note(
 
 
 def finding_note(time_ns: int, finding: Finding) -> Note:
-    """Return a finding; its severity as a number is that of `/log`, its arguments are JSON in a
-    text, as viewers require plain types.
+    """Return the note of a finding. The number of its severity is a level of `/log`; its arguments
+    are a text of JSON, since viewers require plain types.
     """
     severity = {"severity": LOG_LEVELS[finding.severity], "severity_text": finding.severity}
     fields = finding.as_json()
@@ -320,8 +319,9 @@ def finding_note(time_ns: int, finding: Finding) -> Note:
 
 
 def log_note(time_ns: int, level: str, message: str, name: str) -> Note:
-    """Return a line of the program's own log for Foxglove's Log panel; ``level`` is a key of
-    `LOG_LEVELS`."""
+    """Return the note of a line of the program's own log for Foxglove's Log panel; ``level`` is a
+    key of `LOG_LEVELS`.
+    """
     return Note(
         LOG_TOPIC,
         time_ns,

@@ -1,9 +1,8 @@
-"""Writing a log (MCAP): its header and end, batches of events, notes. No thread, no disk: bytes
-into a stream.
+"""Writes a log (MCAP) into a stream of bytes: header, batches of events, notes and end.
 
-Chunks of 64 KiB with zstd and CRCs. The loss with the last chunk depends on the recorder's flushes;
-only a fast instrument fills a chunk sooner, and smaller chunks would then take a quarter more time.
-Messages are batched alike, see `daq.log.codec`.
+A chunk has up to 64 KiB, zstd and a CRC. The recorder's flushes limit the loss with the last chunk;
+only a fast instrument fills a chunk before a flush, and smaller chunks would then take a quarter
+more time. Messages hold batches of events (`daq.log.codec`).
 """
 
 import hashlib
@@ -36,8 +35,8 @@ RUN_STOP = "stepdiag.run_stop"
 SURVEY_ATTACHMENT = "survey.toml"
 CHUNK_BYTES = 65_536
 BATCH_BYTES = 65_536
-"""Largest number of bytes in batches before they are written, whatever the time: about the length
-of their text.
+"""Number of bytes in waiting batches at which the batches are written, whatever the time: about the
+length of their text.
 """
 
 ExitStatus = Literal["complete", "aborted", "interrupted"]
@@ -47,9 +46,9 @@ ExitStatus = Literal["complete", "aborted", "interrupted"]
 class LogHeader:
     """The first record of a log.
 
-    ``wall_offset_ns`` is the time of day minus the host's clock (`host_clock`). ``run`` and
-    ``clock`` hold texts by free names (run id, setup, state to start from; latency timer,
-    low-latency mode); the program adds versions and the survey's SHA-256.
+    ``wall_offset_ns`` is the time of day minus the host's clock (`host_clock`). ``run`` (run id,
+    setup, state to start from) and ``clock`` (latency timer, low-latency mode) hold texts by free
+    names; the program adds versions and the survey's SHA-256.
     """
 
     survey_text: str
@@ -121,7 +120,7 @@ class LogWriter:
             )
 
     def event(self, event: Event) -> None:
-        """Add the next event in the order of consumption; its times are stored in whole
+        """Add the next event in the order of consumption; the event's times are stored in whole
         microseconds.
         """
         event = whole_us(event)
@@ -137,7 +136,7 @@ class LogWriter:
             self._write_batches()
 
     def note(self, note: Note) -> None:
-        """Write a note; fields that are None are left out."""
+        """Write a note without its fields that are None."""
         stamp = self._clock.stamp(note.time_ns)
         fields = {name: value for name, value in note.fields.items() if value is not None}
         times = {"time": stamp, "t_mono_ns": str(note.time_ns)}
@@ -188,7 +187,7 @@ class LogWriter:
         self._message(topic, time_of(first), time_of(last), encode(self._clock, batch))
 
     def _message(self, topic: str, publish_ns: int, taken_ns: int, data: bytes) -> None:
-        """Write a message; its log time never runs backwards (rule 5)."""
+        """Write a message. The log times of messages never decrease (rule 5)."""
         self._log_time_ns = max(self._log_time_ns, self._clock.wall_ns(taken_ns))
         sequence = self._sequences[topic]
         self._sequences[topic] += 1

@@ -1,5 +1,5 @@
 """From captured stops to passes and to readings.
 
-In: stops of one or several logs. Out: the whole passes, the passes to drive again with the reason,
-and the solver's table. Imported by log readers, recording and service.
+In: stops of one or several logs. Out: complete passes, passes to drive again with the reason, and
+the solver's table. Imported by log readers, recording and service.
 """

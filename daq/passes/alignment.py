@@ -16,8 +16,8 @@ from stepdiag.daq.capture.naming.route import Route
 from stepdiag.daq.passes.stretches import OnZero
 
 POSSIBLE_MRAD = 20.0
-"""A mirror tilted further returns no beam into a head: such a slope is not the mirror's
-(CHOSEN).
+"""Largest tilt of a mirror that returns the beam into a head: a larger slope of the steps has
+another cause (CHOSEN).
 """
 
 
@@ -55,8 +55,9 @@ def mirror_tilt_mrad(route: Route, stops: Sequence[OnZero]) -> tuple[float, floa
 def tilt_effect_um(
     route: Route, tilt_mrad: tuple[float, float], stops: Sequence[int]
 ) -> NDArray[np.float64]:
-    """Return the effect of a tilt of the mirror on the reading at some stops of a route, relative
-    to its first stop, in um, shape (k,)."""
+    """Return the effect of a mirror tilt on the readings at ``stops`` of a route, relative to the
+    first stop of the route, in um, shape (k,).
+    """
     way = route.stops_mm[list(stops)] - route.stops_mm[0]
     effect: NDArray[np.float64] = way @ np.column_stack(_across(route)) @ np.array(tilt_mrad)
     return effect

@@ -21,21 +21,21 @@ from stepdiag.daq.passes.slips import (
 )
 
 CLEARLY = 0.5
-"""Of two passes, the finding names one pass only if the step fits its readings at least twice as
-well as the readings of the other.
+"""Largest ratio of two misfits: of two passes that differ in a step, a finding names one only if
+the step fits this pass at least twice as well as the other.
 """
 TELLS = 6.0
-"""The steps of a single pass show only a step that exceeds them by this number of robust standard
-deviations.
+"""Least size of an odd step in a single pass, in robust standard deviations of the pass's other
+steps.
 """
 CONFIRMED = 0.5
-"""An odd step that repeats within this share of its size when the pass is driven again belongs to
-the machine.
+"""If an odd step repeats, within this share of its size, when the pass is driven again, the machine
+makes the step, not the count.
 """
 
 
 def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ...]]:
-    """Return the doubts about each pass, by its index.
+    """Return the doubts about each pass, by the index of the pass.
 
     Incomplete passes, and runs of the 4-DOF head, give no doubts. ``alone``: the plan has one pass
     a setup, judged only by its own steps.
@@ -74,7 +74,7 @@ def may_hide_um(each: Pass, stop: int, others: Sequence[Pass]) -> float:
     """Return the largest loss of count on the way to a stop, in um, that is compatible with the
     other passes of the setup; infinite where no pass counted without a break there.
 
-    A pass with another order of axes does not make the same step.
+    Passes with another order of axes are left out: they do not make the same step.
     """
     if not each.whole:
         return float("inf")
@@ -91,8 +91,8 @@ def may_hide_um(each: Pass, stop: int, others: Sequence[Pass]) -> float:
 
 
 def _counted_through(each: Pass, other: Pass, place: int) -> bool:
-    """Return whether another pass has the same stops as a pass, and made the step to an outward
-    stop within one stretch of its count.
+    """Return whether the pass ``other`` has the same stops as ``each``, and made the step to an
+    outward stop within one stretch of its count.
     """
     along, against = (1 if one.route.outward else -1 for one in (each, other))
     stop = place if other.route.outward else len(other.route) - place
@@ -117,7 +117,9 @@ def _between(one: "_Readings", other: Pass, place: int) -> float:
 
 
 def _seen_before(each: Pass, step: Step) -> bool:
-    """Return whether a repeated pass shows the same step: then the machine makes the step."""
+    """Return whether a pass shows the same step each time it was driven: then the machine makes the
+    step.
+    """
     here, there = each.measured.get(step.stop, ()), each.measured.get(step.stop - 1, ())
     made = [
         (one.beside_mm - before.beside_mm) * 1e3
@@ -132,15 +134,15 @@ def _one_sided(each: Pass) -> int:
     """Return the number of stops at the beginning of a pass at which not every axis has moved since
     the machine reversed; 0 without a reversal at its first stop.
 
-    There the reversal appears axis by axis; it is not an error of the count.
+    At these stops the reversal of each axis appears in turn; it is no error of the count.
     """
     axes = [each.route.axis_to(index) for index in range(len(each.route))]
     return max(axes.index(axis) for axis in set(axes[1:])) if each.chosen()[0].turned else 0
 
 
 class _Readings:
-    """The readings of a whole pass in um in the order of the outward route, minus nominal, and
-    their uncertainties.
+    """The readings of a complete pass minus the nominal readings, in the order of the outward
+    route, and their uncertainties, in um.
 
     ``low`` to ``high`` are the stops that every axis approached in the direction of the pass.
     """
@@ -163,8 +165,8 @@ class _Readings:
         self.share: Vector = np.abs(np.diff(each.route.nominal_mm)[::along]) / travel_mm
 
     def odd(self) -> Step | None:
-        """Return the step that differs from the others of its axis, with the index of its stop in
-        this pass.
+        """Return the step that differs from the other steps of its axis, with the index of its stop
+        in this pass; None without such a step.
         """
         step = odd_step(
             np.diff(self.off_um),
@@ -206,8 +208,8 @@ class _Readings:
 
 
 def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
-    """Return the step in which two passes differ, for the first (0), for the second (1), or for
-    both where either may be wrong.
+    """Return the step in which two passes differ, by the index of the wrong pass: the first (0),
+    the second (1), or both if either may be wrong.
     """
     low, high = max(one.low, other.low), min(one.high, other.high)
     between = slice(low, high - 1)

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from stepdiag.daq.passes.driven import Pass
 
 CLOCK_S = 2.0
-"""The uncertainty of the time of day after a power cut: a computer's clock without a network starts
-in whole seconds.
+"""Uncertainty in s of the time of day after a power cut: a computer's clock without a network
+starts in whole seconds.
 """
 TIMED_S = 0.005
-"""Times of two stops of one stretch, by the instrument's own number."""
+"""Uncertainty in s of the time between two stops of one stretch, by the instrument's own number."""
 CHANCE = 0.1
-"""Largest share of a number's values that fits a time by chance; a laser that was switched on again
-counts its travel from zero, too.
+"""Largest probability that a number fits the time by chance, for a proof. (A laser that was
+switched on again also counts from zero.)
 """
 
 
@@ -31,8 +31,8 @@ class Counted:
 
 @dataclass(slots=True)
 class Numbered:
-    """First and last stop of an unbroken stretch with the instrument's own number: the number and
-    its time in s. None before the first stop.
+    """The instrument's own number, and the time in s, at the first and at the last stop of an
+    unbroken stretch; None before the first stop.
     """
 
     first: tuple[int, float] | None = None
@@ -74,11 +74,11 @@ def went_on(before: Numbered, after: Numbered, repeats_after: float) -> bool | N
 
 
 def on_one_count(passes: Sequence[Pass]) -> list[Counted]:
-    """Return the passes in their order; passes of a setup whose counts are certainly joined share a
-    ``zero``, numbered from 1 in each setup.
+    """Return the passes in their order with a ``zero``, a number from 1 in each setup: passes of a
+    setup that certainly share one count have the same ``zero``.
 
-    A count joins two passes if one of its stretches reaches into both. A stretch after an unwatched
-    time joins no passes: a step of the count there would be mistaken for backlash.
+    Two passes share a count if a stretch reaches into both. A stretch after an unwatched time joins
+    no passes: a step of the count there would be mistaken for backlash.
     """
     found: dict[int, Counted] = {}
     for setup in dict.fromkeys(each.route.setup for each in passes):
@@ -94,7 +94,9 @@ def on_one_count(passes: Sequence[Pass]) -> list[Counted]:
 
 
 def _beside(placed: Sequence[Counted], each: Pass) -> Counted:
-    """Return a pass on the count of an earlier pass with a common stretch, or on a new count."""
+    """Return a pass with the ``zero`` of an earlier pass that has a common stretch, or with a new
+    ``zero``.
+    """
     own = {stretch: zero for stretch, zero in each.zeros().items() if not zero.doubt}
     for other in reversed(placed):
         for stretch, zero in other.driven.zeros().items():

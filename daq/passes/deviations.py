@@ -1,6 +1,6 @@
 """Deviations for display: corrected for air, dead path and the mirror's tilt.
 
-Both ways of a setup share one zero, one sign and one numbering.
+The outward and the return pass of a setup share one zero, one sign and one numbering.
 """
 
 import numpy as np
@@ -17,8 +17,8 @@ from stepdiag.daq.survey.models import Survey
 
 
 class RecentStops:
-    """The stops of the newest pass and of the previous pass in the same setup; computed again only
-    after a new stop.
+    """The displayed stops of the newest pass and of the previous pass of its setup; computed again
+    only after a new stop.
     """
 
     def __init__(self) -> None:
@@ -63,8 +63,8 @@ def _both(survey: Survey, book: PassBook, driven: Pass) -> tuple[StopStatus, ...
 def _back_um(
     survey: Survey, out: Pass, back: Pass, out_um: dict[int, float]
 ) -> dict[int, float]:
-    """Return the deviations of a way back on the zero of the way out: by a common count, or else
-    joined at the far end.
+    """Return the deviations of a return pass on the zero of the outward pass: by a common count, or
+    else joined at the far end.
     """
     counted, own = on_one_count([out, back]), _own_um(survey, back)
     end = max(out.chosen())

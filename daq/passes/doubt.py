@@ -25,8 +25,8 @@ DRIVEN_AGAIN = frozenset(
 )
 """Messages that name a pass or stop to drive again."""
 STATED = frozenset({"step-mismatch.exchanged", "step-mismatch.scales"})
-"""Messages that name a line of the survey file, or a value to state: driving again removes none of
-these doubts.
+"""Messages that name a line of the survey file, or a value to state: driving again does not remove
+such a doubt.
 """
 
 
@@ -51,8 +51,8 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def place(self) -> str:
-        """Return the place in its written form: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1``
-        the pass as a whole.
+        """Return the place of the doubt in its written form: ``ppp/1/5`` is stop 5 of pass 1 of
+        ppp, ``ppp/1`` the whole pass.
         """
         return f"{self.setup}/{self.pass_number}" + (
             "" if self.stop is None else f"/{self.stop}"
@@ -60,8 +60,8 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def at(self) -> Place:
-        """Return the place of the doubt; a doubt from an old file has no direction, and its message
-        names it.
+        """Return the place of the doubt. A doubt from an old file has the place without direction;
+        its message names the direction.
         """
         return Place(
             setup=self.setup,
@@ -73,28 +73,30 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def names_the_cure(self) -> bool:
-        """Return whether its message names a place to drive again, or a value to state."""
+        """Return whether the doubt's message names a place to drive again, or a value to state."""
         return self.is_stated or (
             isinstance(self.why, Message) and self.why.key in DRIVEN_AGAIN
         )
 
     @property
     def is_stated(self) -> bool:
-        """Return whether a statement removes the doubt, and another drive does not."""
+        """Return whether only a statement removes the doubt, not another drive."""
         return self.code == "air-unknown" or (
             isinstance(self.why, Message) and self.why.key in STATED
         )
 
     @property
     def line(self) -> str:
-        """Return the line of the survey file that its message names; empty without a line."""
+        """Return the line of the survey file that the doubt's message names; empty without a
+        line.
+        """
         return (
             str(self.why.arguments.get("line", "")) if isinstance(self.why, Message) else ""
         )
 
     @property
     def words(self) -> Words:
-        """Return the doubt, preceded by its place."""
+        """Return the doubt in words, preceded by its place."""
         return at(self.at, self.why)
 
 
@@ -134,8 +136,8 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TimeStated(msgspec.Struct, frozen=True, kw_only=True):
-    """A person's statement of the time of the first stop, in seconds since 1970: the person, the
-    time by the clock, and the reason.
+    """A person's statement of the time of the first stop, in seconds since 1970: the stated time,
+    the person, the clock's time at the statement, and the reason.
     """
 
     begun_s: float
@@ -145,7 +147,7 @@ class TimeStated(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def acceptance_of(doubt: Doubt, *, reason: str, name: str, time_s: float) -> Acceptance:
-    """Return the acceptance of a doubt."""
+    """Return the acceptance of a doubt by a person."""
     return Acceptance(
         setup=doubt.setup,
         pass_number=doubt.pass_number,

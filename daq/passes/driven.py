@@ -26,12 +26,12 @@ Chosen = dict[int, OnZero]
 
 @dataclass(slots=True)
 class Pass:
-    """One pass. A stop measured again replaces the earlier one where their zeros are known to be
-    the same.
+    """A pass as driven until now. A repeated measurement of a stop replaces the earlier measurement
+    if both have a known common zero.
 
-    ``placed``: the machine sends its position. Without it, the operator can drive from a stop on
-    only while the count of the laser is unbroken. ``acceptances`` is the book's own list;
-    ``against`` are the doubts from other passes of the setup.
+    ``placed``: the machine sends its position. Otherwise the operator can continue from a stop only
+    while the laser's count is unbroken. ``acceptances`` is the list of the `PassBook`; ``against``
+    are the doubts from other passes of the setup.
     """
 
     route: Route
@@ -42,7 +42,7 @@ class Pass:
     suspected: list[Doubt] = field(default_factory=list)
     """Doubts about readings of this pass from other sources, such as the solver."""
     same_um: InitVar[float] = SAME_UM
-    """Largest difference in um of a stop measured twice."""
+    """Largest difference in um between two measurements of a stop."""
     _stretches: Stretches = field(default_factory=Stretches)
     _stretch: int | None = None
     _last: int = -1
@@ -58,7 +58,7 @@ class Pass:
 
     @property
     def measured(self) -> dict[int, list[Measured]]:
-        """Return every measurement by stop, in the order of their capture."""
+        """Return all measurements of each stop, in the order of their capture."""
         return self._stretches.measured
 
     @property
@@ -68,7 +68,7 @@ class Pass:
 
     @property
     def run(self) -> Message:
-        """Return the pass in words."""
+        """Return the name of the pass in words."""
         return run(self.route.setup, self.way)
 
     @property
@@ -77,8 +77,8 @@ class Pass:
         return f"{self.route.setup}/{self.number}"
 
     def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:
-        """Return the increase of a stop's reading since its earlier reading within the same
-        unbroken count; None where it agrees or is new.
+        """Return the increase in um of a stop's reading since its earlier reading in the same
+        unbroken count; None if both agree or there is no earlier reading.
         """
         return (
             None
@@ -87,8 +87,8 @@ class Pass:
         )
 
     def add(self, stop: CapturedStop, stretch: int, slip_um: float | None = None) -> None:
-        """Take a stop, unless refused. ``slip_um``: a new stretch begins with this stop, because
-        its reading differs by this amount from before.
+        """Add the measurement of a stop, unless its reading was refused. ``slip_um``: a new stretch
+        begins with this stop, because its reading differs from the earlier reading by this amount.
         """
         self._zeros = self._chosen = None
         if stop.unwatched and not stop.broken and self._stretch is not None:
@@ -119,8 +119,8 @@ class Pass:
         """Return the valid measurement of every stop, by stop number, with its reading on the zero
         of the pass.
 
-        It is the latest usable measurement; of several at a standstill the measurement without
-        doubt and with the most samples: the longest steady part.
+        The latest usable measurement is valid; of several during one standstill, the undoubted
+        measurement with the most samples (the longest steady part).
         """
         if self._chosen is None:
             zeros, before = self.zeros(), self._used
@@ -129,7 +129,8 @@ class Pass:
                 for index, entries in sorted(self.measured.items())
                 if (each := self._best(entries)) is not None
             }
-            # a new stop leaves the others of its pass as they are: the machine waits meanwhile
+            # a new stop does not change the other stops of its pass; computing them again would
+            # delay the machine
             self._chosen = self._shown = {
                 index: self._shown[index]
                 if before.get(index) == used
@@ -153,8 +154,8 @@ class Pass:
 
     @property
     def base(self) -> int | None:
-        """Return the stretch that the offsets of `chosen` refer to: passes with the same stretch
-        share a zero. None before the first stop of the pass.
+        """Return the stretch whose zero is the zero of `chosen`: passes with the same stretch share
+        a zero. None before the first stop of the pass.
         """
         return next(iter(self.zeros()), None)
 
@@ -204,7 +205,7 @@ class Pass:
         return (*sorted(of_stops, key=lambda each: each.stop or 0), *self.against, *held)
 
     def open_doubts(self) -> tuple[Doubt, ...]:
-        """Return the doubts that are not accepted."""
+        """Return the doubts that nobody has accepted."""
         return tuple(
             each
             for each in self.doubts()
@@ -232,8 +233,8 @@ class Pass:
         return self._used[index][0].stretch if index in self.chosen() else None
 
     def cuts(self) -> dict[int, Unwatched]:
-        """Return the unwatched times of the readings in use, by the stretch afterwards, for the
-        times between a stop and the next.
+        """Return the unwatched times between a reading in use and the next one, by the stretch that
+        follows.
         """
         return {
             stretch: cut
@@ -245,7 +246,9 @@ class Pass:
         }
 
     def judge(self, cut: Unwatched, *, proven: bool, unproven: Words = "") -> None:
-        """Record whether the count is proven over an unwatched time, or why not."""
+        """Record whether the count is proven to be unbroken over an unwatched time, or why it is
+        not.
+        """
         if (proven, unproven) != (cut.proven, cut.unproven):
             cut.proven, cut.unproven = proven, unproven
             self._zeros = self._chosen = None
@@ -273,14 +276,14 @@ class Pass:
 
     @property
     def is_driven(self) -> bool:
-        """Return whether another drive removes no open doubt: no stop is missing, and every doubt
-        is about a stated value.
+        """Return whether driving again is useless: no stop is missing, and only a statement can
+        remove the open doubts.
         """
         return not self.missing and all(each.is_stated for each in self.open_doubts())
 
     def why_doubtful(self) -> Words:
-        """Return the stops that may be wrong, the reasons, and the remedy; empty without a doubt,
-        or if all were accepted.
+        """Return the stops that may be wrong, the reasons, and the remedy, in words; empty without
+        an open doubt.
         """
         still = self.open_doubts()
         if not still:
@@ -301,7 +304,9 @@ class Pass:
         return message("stops-off", stops=stops, why=why, stop=self.again_from())
 
     def why_incomplete(self) -> Words:
-        """Return the missing or doubted stops and the remedy; empty for a complete pass."""
+        """Return the missing or doubted stops and the remedy, in words; empty for a complete
+        pass.
+        """
         missing = self.missing
         if not missing:
             return self.why_doubtful()
@@ -325,7 +330,7 @@ class Pass:
         return message("stops-missing", stops=missing, again=again)
 
     def again_from(self) -> int:
-        """Return the stop from which to drive again; 0: the whole pass."""
+        """Return the number of the stop from which to drive again; 0 means the whole pass."""
         missing, still = self.missing, self.open_doubts()
         if not self._may_go_on() or (
             not missing and (not still or still[0] in (*self.against, *self.suspected))
@@ -342,7 +347,7 @@ class Pass:
         )
 
     def _doubted(self, still: Sequence[Doubt]) -> list[int]:
-        """Return the stops in use that may be wrong by some doubts."""
+        """Return the stops with a reading in use that the given doubts concern."""
         named = {each.stop for each in still}
         return [
             index

@@ -17,15 +17,15 @@ from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Survey
 
 NEVER_SEEN_S = 3600.0
-"""A value of the survey file without confirmation by a sensor is as certain as a reading of this
-age in s.
+"""Age in s of a sensor's reading that is as uncertain as an unconfirmed value of the survey
+file.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """A condition without its sensor at some of the stops: the number of stops, and the largest
-    standard uncertainty of the values.
+    """A condition that no sensor measured at some stops: the number of these stops, and the largest
+    standard uncertainty of the values used there.
     """
 
     name: str
@@ -34,7 +34,8 @@ class Held:
 
 
 def held_conditions(book: PassBook, stated: Iterable[str] = ()) -> tuple[Held, ...]:
-    """Return the conditions held at the stops in use, except conditions ``stated`` afterwards.
+    """Return the conditions for which stops in use have a replaced value, except conditions
+    ``stated`` afterwards.
 
     The uncertainty covers the possible change of a value since its last valid reading
     (`capture.conditions`), taken as the half width of a rectangular distribution (GUM 4.3.7).
@@ -48,11 +49,11 @@ def held_conditions(book: PassBook, stated: Iterable[str] = ()) -> tuple[Held, .
 
 
 def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Assumptions:
-    """Return the assumptions with the uncertainty of held conditions of air and material added in
-    quadrature.
+    """Return the assumptions with the uncertainty of the replaced values of air and material added
+    in quadrature.
 
-    The common part of all setups is unknown: the uncertainty counts in full for the survey, and in
-    full from setup to setup.
+    The part that is common to all setups is unknown, so the full uncertainty is added to both
+    assumptions: for the whole survey, and from setup to setup.
     """
     u: dict[str, float] = {}
     for each in held:
@@ -72,8 +73,8 @@ def assumed_conditions(
     """Return the conditions of the air that affect the readings and that no sensor measured at some
     of the stops in use.
 
-    There the value of the survey file was used. None for conditions stated in the file or
-    afterwards; the solver treats the material's temperature itself.
+    At these stops the value of the survey file was used. Conditions stated in the file or
+    afterwards are left out, and so is the material's temperature, which the solver treats.
     """
     if survey.laser.compensated or survey.environment.source == "fixed":
         return ()
@@ -100,8 +101,9 @@ def _in_use(book: PassBook) -> Iterator[CapturedStop]:
 
 
 def _u_by_name(stops: Iterable[CapturedStop]) -> dict[str, list[float]]:
-    """Return the standard uncertainty of every held value by condition, for stops in order of
-    time."""
+    """Return the standard uncertainties of the replaced values, by condition, for stops in order of
+    time.
+    """
     found: dict[str, list[float]] = {name: [] for name in COURSES}
     seen_s: dict[str, float] = {}
     for stop in stops:

@@ -1,4 +1,6 @@
-"""All passes of a survey: the pass of each stop, the next wanted pass, and the doubts."""
+"""All passes of a survey: assigns stops to passes, and finds the next wanted pass and the
+doubts.
+"""
 
 import math
 from collections.abc import Iterable
@@ -33,9 +35,9 @@ class PassBook:
         self._stretch = 0
         self.last: CapturedStop | None = None
         self.preferred = ""
-        """The operator's next setup."""
+        """The setup that the operator chose to drive next; empty without a choice."""
         self.wrong_line = ""
-        """The line of the survey file that a finding names as wrong: until its correction no pass
+        """The line of the survey file that a finding names as wrong; until it is corrected, no pass
         has to be driven again.
         """
         self.driven: Pass | None = None
@@ -58,7 +60,7 @@ class PassBook:
 
     @property
     def last_count(self) -> int | None:
-        """Return the machine's count at the newest stop; None before the first stop, or where the
+        """Return the machine's stop count at the newest stop; None before the first stop, or if the
         machine does not count.
         """
         return None if self.last is None else self.last.stop_count
@@ -69,7 +71,7 @@ class PassBook:
             self.add(stop)
 
     def add(self, stop: CapturedStop) -> Pass:
-        """Add the next stop; return its pass."""
+        """Add the next captured stop; return the pass to which the stop belongs."""
         while self._suspicions and self._suspicions[0][0] <= self.stops:
             self.suspect(self._suspicions.pop(0)[1])
         self._stretch += bool(stop.broken or stop.unwatched)
@@ -90,8 +92,8 @@ class PassBook:
         return current
 
     def _know(self, stop: CapturedStop, current: Pass, *, anew: bool) -> None:
-        """Store the readings of the unbroken count by place: they give the machine's place to the
-        next log.
+        """Store the readings of the unbroken count by stop: the next log finds the machine's stop
+        from them.
         """
         if anew or self.last is None or self.last.setup != stop.setup:
             self._known = {}
@@ -104,13 +106,13 @@ class PassBook:
             )
 
     def news(self) -> tuple[Finding, ...]:
-        """Return the findings since the last call, for the journal."""
+        """Return the findings of the comparisons since the last call, for the journal."""
         news, self._news = tuple(self._news), []
         return news
 
     def doubts(self) -> tuple[Doubt, ...]:
-        """Return the doubts in the passes of the plan that were not accepted; each keeps its pass
-        open.
+        """Return the doubts about passes of the plan that nobody has accepted; each doubt keeps its
+        pass open.
         """
         return tuple(
             doubt
@@ -120,8 +122,8 @@ class PassBook:
         )
 
     def suspect(self, doubts: Iterable[Doubt]) -> None:
-        """Set the doubts from other sources, such as the solver, in place of the earlier ones. A
-        doubt remains while its measurement is in use.
+        """Replace the doubts from other sources, such as the solver. A doubt applies while its
+        measurement is in use.
         """
         self._suspected = tuple(doubts)
         for each in self.passes:
@@ -132,11 +134,11 @@ class PassBook:
             ]
 
     def foretell(self, suspicions: Iterable[tuple[int, tuple[Doubt, ...]]]) -> None:
-        """Set the suspicions raised during the capture of the stops to be added: the number of
-        stops before each, and its doubts.
+        """Set the suspicions that were raised while the stops to be added were captured: for each
+        suspicion, the number of stops before it, and its doubts.
 
-        A stop driven for a suspicion belongs to the suspected pass; without this it would belong to
-        a further pass.
+        A stop driven because of a suspicion is assigned to the suspected pass, not to a further
+        pass.
         """
         self._suspicions = list(suspicions)
 
@@ -155,8 +157,7 @@ class PassBook:
         return tuple((doubt, word) for doubt, word in pairs if word is not None)
 
     def last_stop(self, stop: CapturedStop) -> int:
-        """Return the number of the last stop of the pass that a stop belongs to: ``stop 5 of
-        30``."""
+        """Return the number of the last stop of a stop's pass (the 30 in ``stop 5 of 30``)."""
         return len(route_of(self._planned, stop.setup, 1)) - 1
 
     def deviation(self, stop: CapturedStop) -> tuple[float | None, float | None]:
@@ -176,7 +177,7 @@ class PassBook:
         return round(reading, 6), round((reading - nominal) * 1e3, 3)
 
     def of(self, setup: str) -> list[Pass]:
-        """Return the passes of a setup in order."""
+        """Return the passes of a setup in the order of their numbers."""
         return [each for each in self.passes if each.route.setup == setup]
 
     def wanted(self) -> list[int]:
@@ -227,7 +228,7 @@ class PassBook:
         breaks: tuple[Break, ...] = (),
         beyond: bool | None = None,
     ) -> CaptureStart:
-        """Return the facts that a new log's capture needs."""
+        """Return the state of the survey that the capture of a new log needs."""
         following = self.next_setup()
         names = self._survey.plan.all_setups
         ordered = (
@@ -251,7 +252,9 @@ class PassBook:
         return replace(self._standing(setup), numbers=numbers)
 
     def _next(self, setup: str, *, outward: bool) -> int:
-        """Return the number of the pass to which a stop in a direction would belong."""
+        """Return the number of the pass to which a stop of a setup, driven in the given direction,
+        would belong.
+        """
         found = self._find(setup, outward=outward)
         return (
             found.number
@@ -287,7 +290,7 @@ class PassBook:
         )
 
     def _compare(self, setup: str) -> None:
-        """Compare the passes of a setup where both are whole; only new doubts are reported."""
+        """Compare the whole passes of a setup; report only new doubts."""
         passes = self.of(setup)
         known = {doubt for each in passes for doubt in each.against}
         for each, doubts in compare(passes, alone=len(self.wanted()) == 1).items():
@@ -299,9 +302,9 @@ class PassBook:
 
     def _prove(self, setup: str) -> None:
         """Judge whether the count is unbroken over the unwatched times of a setup's passes: the
-        instrument's own number continued, and the other passes exclude a lost count.
+        instrument's own number must continue, and the other passes must exclude a lost count.
 
-        A number proves that the instrument ran, not that the beam was free.
+        The number alone proves that the instrument ran, not that the beam was free.
         """
         passes = self.of(setup)
         for each in passes:

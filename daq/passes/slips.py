@@ -19,34 +19,35 @@ from stepdiag.daq.passes.stretches import SURE
 Vector = NDArray[np.float64]
 
 TIMES_NOISE = 6.0
-"""A step exceeds its neighbours by this number of robust standard deviations, or more with few
-neighbours.
+"""Least size of a step in robust standard deviations of the other steps; few other steps raise this
+limit.
 """
 FEW = 6.0
 LEAST_UM = 1.0
-"""Smaller steps are not searched: machines do not repeat better over a whole diagonal."""
+"""Least size in um of a searched step: machines do not repeat better over a whole diagonal."""
 OWN_STEPS, FEW_OF_AXIS = 4, 3.0
-"""This number of other steps of an axis shows its scatter. With it, drawn machines of 500 mm to 4 m
-that repeat to 0.2 to 1.5 um are named in less than 1 % of the pairs of passes (3 % with two
-increments and 1.5 um); without it, in up to 60 %.
+"""Number of other steps of an axis that shows the scatter of this axis, and the rise of the limit
+for few steps (`_scatter_of_axis`). With both, a step is wrongly reported in less than 1 % of the
+pairs of passes of random machines of 500 mm to 4 m that repeat to 0.2 to 1.5 um (3 % with two
+increments and 1.5 um); without, in up to 60 %.
 """
 FLOOR_UM = 0.15
-"""The smallest noise assumed of a handful of differences."""
+"""Least noise in um that is assumed for a few differences."""
 ALONE_UM = 10.0
 ALONE_STEPS = 5
 """Least number of own steps of an axis by which a single pass is judged, and least size of a step
 that is reported.
 """
 FEW_UM, FEW_UM_M = 50.0, 500.0
-"""A smaller number of steps shows no scatter: two steps of one axis cannot differ by more than
-this, and by more than this share per metre of step, because of the axis.
+"""Limit for an axis with fewer steps, which show no scatter: an axis cannot cause a larger
+difference of two steps, in um, and in um per metre of step.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step on the way to the stop with this index, in um, and the robust noise of the other
-    steps.
+    """An odd step on the way to the stop with the index ``stop``: its size and the robust noise of
+    the other steps, in um.
 
     ``instead`` is another stop at which the step may have been, with the opposite sign; None
     without one.
@@ -64,9 +65,9 @@ def step_in(
     """Return the single step of an otherwise smooth sequence, or None.
 
     ``values_um`` (n,) are differences of readings at the stops in order, ``u_um`` their standard
-    uncertainties; ``axes`` (n - 1,) is the axis that moves from stop to stop and ``share`` the
-    share of its travel in the reading. On a long machine a single axis causes all the scatter, and
-    its steps are a third of all.
+    uncertainties; ``axes`` (n - 1,) is the axis that moves from stop to stop, and ``share`` the
+    part of the axis's travel that appears in the reading. On a long machine one axis, with a third
+    of the steps, causes all the scatter.
     """
     steps_um = np.diff(values_um)
     if len(steps_um) < 3:
@@ -84,7 +85,7 @@ def may_hide_um(
     """Return the largest loss of count, in um, that a step of an otherwise smooth sequence may
     hide: the step itself plus the scatter of such steps; infinite for fewer than three steps.
 
-    Arguments as in `step_in`; ``at`` is the index of the step.
+    The other arguments are those of `step_in`; ``at`` is the index of the step.
     """
     steps_um = np.diff(values_um)
     if len(steps_um) < 3:
@@ -96,8 +97,8 @@ def may_hide_um(
 
 
 def _usual_of_axis(off_um: Vector, axes: Sequence[str], share: Vector, at: int) -> float:
-    """Return the limit of a step by the others of its axis: a number of robust standard
-    deviations.
+    """Return the limit in um of a step from the other steps of its axis: a number of robust
+    standard deviations.
     """
     scatter_um, few = _scatter_of_axis(off_um, axes, share, at)
     return TIMES_NOISE * few * scatter_um
@@ -106,8 +107,8 @@ def _usual_of_axis(off_um: Vector, axes: Sequence[str], share: Vector, at: int) 
 def _scatter_of_axis(
     off_um: Vector, axes: Sequence[str], share: Vector, at: int
 ) -> tuple[float, float]:
-    """Return the robust standard deviation of a step by the others of its axis (of all axes if
-    these are few), and the factor for their small number.
+    """Return the robust standard deviation of a step, from the other steps of its axis (of all axes
+    if these steps are few), and the factor for a small number of steps.
     """
     others = np.arange(len(off_um)) != at
     own = others & (np.array(axes) == axes[at])
@@ -119,12 +120,12 @@ def _scatter_of_axis(
 def odd_step(
     steps_um: Vector, u_um: Vector, axes: Sequence[str], nominal_mm: Vector
 ) -> Step | None:
-    """Return the single step of a pass that differs from the others of its axis, or None.
+    """Return the single step of a pass that differs from the other steps of its axis, or None.
 
     ``steps_um`` (n - 1,) are measured minus nominal steps, ``axes`` their axes and ``nominal_mm``
     their nominal sizes. Tilt of the mirror and scale of the axis change all steps of an axis alike.
-    With few steps, only a size that no axis causes is reported; None also for an axis with a single
-    step.
+    With few steps, only a step larger than any axis can cause is reported; an axis with a single
+    step is not judged.
     """
     found = []
     for axis in dict.fromkeys(axes):
@@ -144,8 +145,8 @@ def odd_step(
 
 
 def _unlike(own: NDArray[np.int64], steps_um: Vector, least_um: float) -> list[Step]:
-    """Return the step furthest from the few other steps of an axis, if its distance exceeds the
-    limit; else None.
+    """Return the step that is furthest from the few other steps of its axis, if the distance
+    exceeds ``least_um``; else an empty list.
     """
     off = np.array(
         [step - np.median(np.delete(steps_um, index)) for index, step in enumerate(steps_um)]
@@ -165,7 +166,7 @@ def _unlike(own: NDArray[np.int64], steps_um: Vector, least_um: float) -> list[S
 
 def like_its_axis(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
     """Return the difference of the step to a stop from the median of the other steps of its axis,
-    in um; NaN where there is no other.
+    in um; NaN without another step.
     """
     others = [
         steps_um[index]
@@ -195,8 +196,8 @@ def scatter_of_steps(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
 def _outlier(
     steps_um: Vector, u_um: Vector, least_um: float, usual_um: Vector | None = None
 ) -> Step | None:
-    """Return the step furthest from the others, if its distance exceeds the limit and its own
-    ``usual_um``.
+    """Return the step that is furthest from the other steps, if the distance exceeds the limit and
+    the step's ``usual_um``; else None.
     """
     if len(steps_um) < 3:
         return None

@@ -15,16 +15,18 @@ from stepdiag.base.messages import Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 
 SAME_UM = 1.5
-"""Largest difference in um of a standstill measured twice within a count: repeatability of a good
-machine and its drift meanwhile. More is a loss of the laser.
+"""Largest difference in um between two measurements of a stop within a count, from the
+repeatability and the drift of a good machine. A larger difference is a loss of the laser's count.
 """
 SURE = 3.0
-"""Number of standard uncertainties of readings and machine that a difference may reach."""
+"""Largest difference between readings, in combined standard uncertainties of readings and
+machine.
+"""
 
 
 def same_um(repeatability_um: float) -> float:
-    """Return the largest difference in um of a stop measured twice within a count, for a machine of
-    this repeatability (k = 1).
+    """Return the largest difference in um between two measurements of a stop within a count, for a
+    machine with this repeatability (k = 1).
     """
     return max(SAME_UM, SURE * float(np.sqrt(2.0)) * repeatability_um)
 
@@ -50,8 +52,8 @@ def on_zero(stop: CapturedStop, offset_mm: float) -> OnZero:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A stop, its stretch of unbroken count, and its visit: a repeated measurement without another
-    stop in between is one visit.
+    """A measurement of a stop: the captured stop, its stretch of unbroken count, and its visit.
+    Measurements without another stop in between are one visit.
     """
 
     stop: CapturedStop
@@ -64,7 +66,9 @@ class Measured:
 
     @property
     def beside_mm(self) -> float:
-        """Return the reading minus nominal; comparable between two visits."""
+        """Return the reading minus the nominal reading in mm, which is comparable between
+        visits.
+        """
         return (self.stop.reading_mm or 0.0) - self.nominal_mm
 
 
@@ -73,8 +77,8 @@ class Zero:
     """Offset in mm to add to the readings of a stretch, so that the stretch shares the zero of the
     pass; ``doubt`` gives the reason of a doubtful offset.
 
-    ``code`` is the doubt's code as a finding, ``size_um`` the possible error of the stretch, if
-    known.
+    ``code`` is the finding's code of the doubt; ``size_um`` is the possible error of the stretch in
+    um, if known.
     """
 
     offset_mm: float
@@ -88,8 +92,8 @@ class Unwatched:
     """A time between two stretches in which the count may have been lost: the earlier stretch, the
     first stop afterwards, the reason, and the finding's code.
 
-    ``proven``: the instrument's own number and the other passes prove that the count is unbroken;
-    ``unproven``: why they do not, if they exist.
+    ``proven``: the instrument's own number and the other passes prove that the count is unbroken.
+    ``unproven``: the reason why a number and passes that exist prove nothing.
     """
 
     before: int
@@ -113,7 +117,7 @@ class Unwatched:
 
 @dataclass(frozen=True, slots=True)
 class Slip:
-    """A stop whose reading differs from before without an event of the laser."""
+    """A stop whose reading differs from its earlier reading although the laser reported no loss."""
 
     stop: int
     size_um: float
@@ -124,19 +128,19 @@ Zeros = dict[int, Zero]
 
 @dataclass(slots=True)
 class Stretches:
-    """The counts of a pass: measurements by stop, in the order of their capture."""
+    """The stretches of count of a pass: measurements by stop, in the order of their capture."""
 
     same_um: float = SAME_UM
-    """Largest difference in um of a stop measured twice."""
+    """Largest difference in um between two measurements of a stop."""
     measured: dict[int, list[Measured]] = field(default_factory=dict)
     unwatched: dict[int, Unwatched] = field(default_factory=dict)
-    """The unwatched time before a stretch."""
+    """The unwatched time before each stretch, if there was one."""
     slips: dict[int, Slip] = field(default_factory=dict)
-    """The stop and the size of the slip with which a stretch began."""
+    """The slip with which a stretch began, by stretch."""
 
     def differs_um(self, now: Measured) -> float | None:
-        """Return the increase of a stop's reading over the same stretch; None if the stretch did
-        not measure it, or the readings agree.
+        """Return the increase in um of a stop's reading within its stretch; None if the stretch has
+        no earlier reading of this stop, or the readings agree.
         """
         same = [
             entry
@@ -154,13 +158,13 @@ class Stretches:
         )
 
     def zeros(self, stops: int) -> Zeros:
-        """Return the zero of every stretch that has one, of a pass with the given number of stops.
+        """Return the zero of every stretch that can be joined, for a pass with the given number of
+        stops.
 
         The zero of the first stop's stretch is 0; if another stretch alone gives the whole pass,
-        the pass was repeated and the last such stretch counts. Stretches are joined by common
-        stops. A stretch after an unwatched time is taken to have kept its count, and doubted,
-        unless a common stop gives its offset or the count is proven to have held. A stretch that
-        cannot be joined is absent.
+        the pass was repeated, and the zero of the last such stretch is 0. Stretches are joined by
+        common stops. A stretch after an unwatched time is assumed to continue the count, with a
+        doubt, unless a common stop gives its offset or the count is proven to be unbroken.
         """
         bases = dict.fromkeys(
             entry.stretch for _, entries in sorted(self.measured.items()) for entry in entries
@@ -181,7 +185,9 @@ class Stretches:
         return best[0] if fewest else best[-1]
 
     def _used(self, zeros: Zeros) -> list[Zero]:
-        """Return the zero of the latest usable measurement of every stop with a zero."""
+        """Return, for every stop, the zero of its latest usable measurement whose stretch has a
+        zero.
+        """
         latest = [
             next((entry for entry in reversed(entries) if entry.stretch in zeros), None)
             for entries in self.measured.values()
@@ -213,8 +219,8 @@ class Stretches:
         return False
 
     def _shifts(self, stretch: int, zeros: Zeros) -> Iterator[tuple[float, Zero, float]]:
-        """Yield the shift in mm, the known zero, and the shift's uncertainty for every stop
-        measured in both a given and a known stretch.
+        """Yield, for every stop measured in both ``stretch`` and a stretch with a known zero, the
+        shift in mm between both, the known zero, and the shift's uncertainty.
         """
         for entries in self.measured.values():
             last = {
@@ -232,8 +238,8 @@ class Stretches:
                 )
 
     def _agree(self, shifts: list[tuple[float, Zero, float]]) -> bool:
-        """Return whether all stops measured in two stretches agree on the shift between them; if
-        not, the mirror was moved.
+        """Return whether all stops measured in both stretches agree on the shift; if not, the
+        mirror was moved.
         """
         return _spread_um(shifts) <= 2.0 * self.same_um + SURE * max(
             u_um for _, _, u_um in shifts
@@ -249,7 +255,7 @@ class Stretches:
 
     def _slip_between(self, stretch: int, known: Zero) -> Slip | None:
         """Return the slip at the beginning of the later of two stretches: the stretch to join, or
-        the known stretch.
+        the stretch with the known zero.
         """
         return self.slips.get(stretch) or next(
             (
@@ -261,8 +267,8 @@ class Stretches:
         )
 
     def _presume(self, zeros: Zeros) -> bool:
-        """Assume that a further stretch kept the count of the previous stretch; return whether
-        there was such a stretch.
+        """Assume that one further stretch continues the count of the stretch before it; return
+        whether there was such a stretch.
         """
         for stretch, cut in self.unwatched.items():
             if stretch not in zeros and cut.before in zeros:
@@ -275,8 +281,8 @@ class Stretches:
         return False
 
     def misfit_um(self, zeros: Zeros) -> float | None:
-        """Return the disagreement of the twice measured stops on the shift between two stretches,
-        if it is too large to join them; None otherwise.
+        """Return the disagreement in um of the stops measured in two stretches on the shift, if it
+        is too large to join the stretches; else None.
         """
         apart = {
             entry.stretch for entries in self.measured.values() for entry in entries
@@ -290,10 +296,10 @@ class Stretches:
 
 
 def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
-    """Return a known zero for a stretch joined by these readings: a doubt about the readings is a
-    doubt about the stretch.
+    """Return a known zero with the doubts of the readings that join a stretch to it: a doubt about
+    these readings is a doubt about the stretch.
 
-    A stop measured again alone takes over the error of its earlier reading.
+    If a single stop joins the stretch, the error of its reading becomes the error of the stretch.
     """
     doubtful = next((each for each in readings if each.doubts), None)
     if known.doubt or doubtful is None:
@@ -302,10 +308,10 @@ def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
 
 
 def _of_one_count(stop: CapturedStop) -> bool:
-    """Return whether a reading can be compared with others of its stop: within a reading with a
-    step, the part in use may belong to the earlier count.
+    """Return whether a reading can be compared with other readings of the same stop. If the window
+    has a step, the part in use may belong to the earlier count.
 
-    At a stop where the machine reversed, the axes stood on the other side.
+    If the machine reversed at the stop, the axes had approached it from the other side.
     """
     return "window-step" not in stop.doubt_codes and not stop.turned
 

@@ -26,7 +26,7 @@ def span_s(book: PassBook) -> tuple[float, float]:
 
 def clock_findings(book: PassBook, now_s: float | None = None) -> Iterator[Finding]:
     """Yield the finding of a clock that was never set, as a warning until the time is stated;
-    ``now_s`` is the clock of a survey without a stop.
+    ``now_s`` is the time by the clock, used for a survey without a stop.
     """
     times = [stop.time_s for each in book.passes for stop in each.chosen().values()] or (
         [] if now_s is None else [now_s]

@@ -1,5 +1,5 @@
-"""From passes to the solver's table of readings: on one zero while the count is unbroken, corrected
-for air and material, once.
+"""From passes to the solver's table of readings. Readings on one unbroken count share a zero, and
+are corrected for air and material once.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ from stepdiag.daq.survey.models import Environment, Survey
 def tabulate(
     survey: Survey, passes: list[Pass], environment: Mapping[str, float] | None = None
 ) -> Readings:
-    """Return the readings of whole laser passes, rows in the order of passes and stops.
+    """Return the readings of complete laser passes; the rows have the order of passes and stops.
 
     Readings are relative to the first stop of the setup while the laser's count is unbroken:
     ``zero`` numbers its stretches. For an instrument that counts in vacuum wavelengths, the air of
@@ -76,7 +76,7 @@ def _pass_rows(
     survey: Survey, one: Counted, first: Counted, stated: dict[str, float]
 ) -> tuple[Vector, list[OnZero]]:
     """Return the corrected readings of a pass, relative to the first stop of the ``first`` pass on
-    its count, and their stops.
+    the same count, and the stops of the readings.
 
     The stops have the conditions ``stated`` afterwards.
     """
@@ -100,7 +100,9 @@ def _pass_rows(
 def in_this_air(
     survey: Survey, first: Pass, stops: Sequence[CapturedStop], readings: Vector
 ) -> Vector:
-    """Return true displacements since the first of the stops, where the dead path begins."""
+    """Return the true displacements in mm since the first of ``stops``; the effect of the dead path
+    is zero there.
+    """
     values = {
         name: np.array([_environment(survey.environment, stop, name) for stop in stops])
         for name in AIR
@@ -134,8 +136,9 @@ def _at_20_c(
 
 
 def _beam(survey: Survey, each: Pass) -> Vector:
-    """Return a point of the beam line for every stop, shape (k, 3): shifted setups only, NaN
-    elsewhere."""
+    """Return a point of the beam line for every stop, shape (k, 3); NaN except in shifted
+    setups.
+    """
     setup, count = each.route.travel, len(each.route)
     if not setup.shift:
         return np.full((count, 3), np.nan)
@@ -143,7 +146,7 @@ def _beam(survey: Survey, each: Pass) -> Vector:
 
 
 def _environment(environment: Environment, stop: CapturedStop, name: str) -> float:
-    """Return a quantity of the air: by the machine's sensors at the stop, or fixed in the survey
+    """Return a quantity of the air at a stop: from the sensors, or the fixed value of the survey
     file.
     """
     measured = getattr(stop, name) if environment.source != "fixed" else None

@@ -1,8 +1,8 @@
 """The final findings of a survey: open doubts, accepted doubts, values that replace a sensor, and
 events.
 
-A finding belongs to its stop and disappears with the stop: a finding removed by a repeated pass is
-history and blocks nothing.
+A finding belongs to a measurement of a stop: when a repeated pass replaces the measurement, its
+finding blocks nothing any more.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -18,14 +18,14 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.models import Survey
 
 STATED = ("air-unknown", "sensor-jump")
-"""Doubts about conditions: they end where the conditions are stated afterwards."""
+"""Doubts about conditions, which end when the conditions are stated afterwards."""
 
 
 def suspected(book: PassBook, findings: Iterable[Finding]) -> list[Doubt]:
     """Return the doubts from the solver's errors about the readings that the errors name: a stop, a
     pass, every pass of a setup, or each of the passes that the data do not separate.
 
-    An error without a name applies to all of them.
+    An error that names no reading gives a doubt about every pass.
     """
     return [
         doubt
@@ -61,7 +61,8 @@ def settled_findings(
     """Return the findings of the result: open doubts as errors, accepted doubts as warnings with
     their acceptance, without duplicates.
 
-    ``stated`` are conditions given afterwards: a doubt about these conditions only is settled.
+    ``stated`` are conditions given afterwards: a doubt that concerns only these conditions is
+    settled.
     """
     accepted = [_accepted(doubt, word) for doubt, word in book.accepted()]
     doubts = [_as_finding(doubt) for doubt in book.doubts() if not _settled_by(doubt, stated)]
@@ -120,8 +121,8 @@ def _finding(severity: Severity, doubt: Doubt, what: Message) -> Finding:
 
 
 def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield the conditions that are not from a sensor, the number of their stops, and the
-    uncertainty of the values used instead.
+    """Yield a finding for each condition that no sensor measured at some stops, with the number of
+    stops and the uncertainty of the values used instead.
     """
     stops = sum(len(each.chosen()) for each in book.passes)
     for held in held_conditions(book, stated):
@@ -134,8 +135,8 @@ def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
 def assumed_findings(
     survey: Survey, stops: int, unmeasured: Iterable[Held]
 ) -> Iterator[Finding]:
-    """Yield the conditions of the air that no sensor measured, their number of ``stops``, the
-    values used instead and their uncertainty.
+    """Yield a finding for each condition of the air that no sensor measured, with the number of
+    ``stops``, the value used instead and its uncertainty.
     """
     for one in unmeasured:
         unit, value = COURSES[one.name].unit, getattr(survey.environment, one.name)

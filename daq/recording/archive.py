@@ -1,11 +1,11 @@
-"""Keeping a survey's folder within a limit of size: finished rounds are packed more tightly, the
+"""Keeps a survey's folder within a limit of size: finished rounds are packed more tightly, the
 oldest first. No file is ever removed.
 
 A log is written in small chunks, so that an interruption loses little. A packed log has the same
-records in chunks of a megabyte at zstd's level 19, which saves four tenths (an archive of whole,
-already compressed files would save nothing). A packed log remains a log: replay, `info` and the
-viewers read it as before. It replaces the log only after every record was read back and compared.
-Runs in a separate process.
+records in chunks of a megabyte at zstd's level 19, which saves four tenths of its size (an archive
+of compressed files would save nothing). A packed log remains a log: replay, `info` and the viewers
+read it as before. It replaces the log only after every record was read back and compared. Packing
+runs in a separate process.
 """
 
 import hashlib
@@ -56,13 +56,13 @@ class Packed:
 
 
 def size_bytes(folder: Path) -> int:
-    """Return the bytes of all files in a folder."""
+    """Return the size of all files in a folder in bytes."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def keep_budget(folder: Path, max_bytes: float) -> Iterator[Packed]:
     """Pack the finished rounds of a survey's folder, oldest first, until the folder is within
-    ``max_bytes``; yield each packed log.
+    ``max_bytes``; yield each packed round.
 
     Raises DataError for a log that does not read back equal; the log then stays unchanged.
     """
@@ -79,8 +79,8 @@ def keep_budget(folder: Path, max_bytes: float) -> Iterator[Packed]:
 
 
 def pack(log: Path) -> int:
-    """Rewrite a whole log in large, tight chunks, in its place; return the bytes saved, 0 for a
-    damaged log, which stays unchanged.
+    """Replace a log by its packed form; return the bytes saved. A damaged log stays unchanged, and
+    the result is 0.
     """
     before = log.stat()
     wanted = digest(log)
@@ -124,8 +124,8 @@ def index_holds(log: Path) -> bool:
     records leaves it out.
 
     Source: MCAP, Footer: ``summary_crc`` is the CRC-32 of the bytes from ``summary_start`` to the
-    checksum itself; 0 means none. The record before it is DataEnd: readers skip a record of unknown
-    kind.
+    checksum itself; 0 means none. The record before the index is DataEnd; readers would skip a
+    record of unknown kind.
     """
     data = log.read_bytes()
     if len(data) < _FOOTER.size + len(_MAGIC):
@@ -167,11 +167,11 @@ def _copy(log: Path, file: PartFile) -> None:
 
 @contextmanager
 def _tight() -> Iterator[None]:
-    """Make the MCAP writer, which offers no choice of level, compress as tightly as possible; for
+    """Make the MCAP writer, which offers no choice of level, compress as tightly as possible in
     this process, which does no other work.
 
-    Only one use at a time: a second use would find the level reset meanwhile, and pack the same log
-    to other bytes.
+    Two uses at a time are wrong: the second would find the level reset, and pack the same log to
+    other bytes.
     """
     names = vars(mcap.writer)
     with _ONE_AT_A_TIME:
@@ -183,6 +183,6 @@ def _tight() -> Iterator[None]:
 
 
 class _Tight:
-    """Stands for the module ``zstandard`` in ``mcap.writer``."""
+    """Replaces the module ``zstandard`` in ``mcap.writer``."""
 
     compress = staticmethod(lambda data: zstandard.ZstdCompressor(level=LEVEL).compress(data))

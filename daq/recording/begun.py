@@ -1,8 +1,7 @@
-"""The operator's announcement to a daemon of a machine without signals: the named setup is driven
-next.
+"""The operator's announcement that a machine without signals will drive a certain setup next.
 
-One JSON object a line in ``begun.jsonl`` beside the lock; lines are only appended, and a daemon
-reads new lines while it runs.
+The file ``begun.jsonl`` beside the lock holds one JSON object per line. Lines are only appended,
+and a daemon reads new lines while it runs.
 """
 
 import time
@@ -16,7 +15,7 @@ from stepdiag.daq.recording.verdicts import LARGEST_BYTES, append_line
 
 BEGUN = "begun.jsonl"
 OLD_S = 30.0
-"""An announcement older than this in s was meant for an earlier daemon."""
+"""Age in s above which an announcement was meant for an earlier daemon."""
 _log = structlog.get_logger("begun")
 
 
@@ -29,8 +28,8 @@ class Begun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def ask_to_begin(folder: Path, setup: str, name: str) -> None:
-    """Append the beginning of a setup to the file; it is on disk when this returns. Raises
-    UsageError where the file cannot be written.
+    """Append the beginning of a setup to the file; the line is on disk when this returns. Raises
+    UsageError if the file cannot be written.
     """
     append_line(
         folder / BEGUN, msgspec.json.encode(Begun(setup=setup, name=name, time_s=time.time()))
@@ -58,7 +57,7 @@ class BegunWords:
         return [word for word in words if abs(time.time() - word.time_s) < OLD_S]
 
     def _length(self) -> int:
-        try:  # one look at the file, ten times a second
+        try:  # a single query of the file, ten times a second
             return self._path.stat().st_size
         except OSError:
             return 0

@@ -1,10 +1,10 @@
-"""A survey file corrected after its logs: the changes of another file, and the same logs read by
-it.
+"""A survey file corrected after its logs were recorded: the changed lines, and the logs read again
+with the corrected file.
 
-A log is never changed. A correction is a JSON object a line in ``corrected.jsonl`` beside the logs:
+A log is never changed. ``corrected.jsonl`` beside the logs holds one JSON object per correction:
 operator, time, the changed lines, and the survey file valid from then on. The end of a pass depends
-on the file, so the session that recorded the logs of a round reads them as a single stream of
-events: a pass cut in two by a wrong map is whole again.
+on the file, so a session reads the logs of a round as a single stream of events: a pass that a
+wrong map of signals cut in two is whole again.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,7 +44,9 @@ NEW_ROUND = (
     "plan.targets",
     "plan.beam_offset",
 )
-"""Fields that change the drive of the machine: another volume, target list or program."""
+"""Fields of the survey file whose change means another drive of the machine: another volume, target
+list or program.
+"""
 READING = (
     "volume.axis_order",
     "plan.axis_orders",
@@ -55,7 +57,7 @@ READING = (
     "stop",
     "environment",
 )
-"""Fields that change the reading of registers and laser."""
+"""Fields of the survey file that change how registers and laser are decoded."""
 WAYS = (
     "port",
     "baud",
@@ -71,7 +73,7 @@ WAYS = (
     "timeout_s",
     "handshake",
 )
-"""Fields of the connections: their changes leave the bytes in the logs unchanged."""
+"""Fields of the connections, whose changes do not affect the logs."""
 
 
 class Correction(msgspec.Struct, frozen=True, kw_only=True):
@@ -101,12 +103,12 @@ class Change(msgspec.Struct, frozen=True):
 
     @property
     def begins_round(self) -> bool:
-        """Return whether the machine must be driven again."""
+        """Return whether this change requires that the machine be driven again."""
         return _within(self.line, NEW_ROUND) and not self._renames
 
     @property
     def reads_otherwise(self) -> bool:
-        """Return whether the logs must be read again."""
+        """Return whether this change requires that the logs be read again."""
         return self._renames or (
             _within(self.line, READING)
             and not any(part in WAYS for part in self.line.split(".")[1:2])
@@ -114,7 +116,7 @@ class Change(msgspec.Struct, frozen=True):
 
     @property
     def _renames(self) -> bool:
-        """Return whether the order of the same setups changed: the logs then belong to each other's
+        """Return whether the order of the same setups changed: each log then belongs to another
         setup.
         """
         if self.line != "plan.setups":
@@ -155,15 +157,15 @@ def corrections_in(folder: Path) -> tuple[Correction, ...]:
 
 
 def note_correction(folder: Path, correction: Correction) -> None:
-    """Add a correction, on disk when this returns. Raises UsageError where the file cannot be
+    """Add a correction; it is on disk when this returns. Raises UsageError if the file cannot be
     written.
     """
     append_line(folder / CORRECTED, msgspec.json.encode(correction))
 
 
 def text_of(folder: Path, logs: Sequence[Path]) -> str:
-    """Return the valid survey file of a round: of the last correction, or else of its last log;
-    empty without a log.
+    """Return the text of the valid survey file of a round: from the last correction, or else from
+    the last log; empty without a log.
     """
     corrected = corrections_in(folder)
     if corrected:
@@ -172,8 +174,8 @@ def text_of(folder: Path, logs: Sequence[Path]) -> str:
 
 
 def compared(recorded: str, text: str) -> list[Change] | None:
-    """Return the changes of a survey file from the valid file; None if the old file is no longer
-    readable.
+    """Return the changes from the survey file ``recorded`` to ``text``; None if the recorded file
+    is no longer readable.
 
     Further setups are no change: the recording stays valid.
     """
@@ -187,16 +189,16 @@ def compared(recorded: str, text: str) -> list[Change] | None:
 
 
 def drives_otherwise(recorded: str, text: str) -> bool:
-    """Return whether a survey file changes the drive of the machine from the valid file, or the
-    valid file is no longer readable.
+    """Return whether the survey file ``text`` means another drive of the machine than the file
+    ``recorded``, or the latter is no longer readable.
     """
     found = compared(recorded, text)
     return found is None or any(each.begins_round for each in found)
 
 
 def has_further(text: str, recorded: str) -> bool:
-    """Return whether a survey file has further setups than that of a log, and drives the others as
-    before, whatever else it corrects.
+    """Return whether the survey file ``text`` has further setups than the file ``recorded``, and
+    drives all setups of that file as before, whatever else it corrects.
     """
     try:
         before, after = parse_survey(recorded, "log"), parse_survey(text, "survey")
@@ -220,7 +222,7 @@ def replay_corrected(
     survey_file: Path | None = None,
     suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = (),
 ) -> Replayed:
-    """Return the contents of a round's logs by the valid survey file: as recorded, or read again
+    """Return the contents of a round's logs with the valid survey file: as recorded, or read again
     with a corrected file.
 
     ``survey_file`` replaces an unusable file. Raises the errors of `replay`.
@@ -234,7 +236,7 @@ def replay_corrected(
     if not any(foreign) or any(
         each is None or any(change.begins_round for change in each) for each in foreign
     ):
-        return replay(logs, survey_file, suspicions)  # which refuses logs of two surveys
+        return replay(logs, survey_file, suspicions)  # `replay` refuses logs of two surveys
     if alike and not must_reread(logs, text):
         return replace(
             replay(logs, survey_file, suspicions),
@@ -261,7 +263,7 @@ def replay_corrected(
 
 
 def _end_of(path: Path) -> LogEnd | None:
-    """Return how a log ended."""
+    """Return the end of a log."""
     log = open_log(path)
     for _ in log.events():
         pass
@@ -277,8 +279,8 @@ def reread(
     """Return the session after reading the events of a round's logs with a survey file, and the
     outcomes of each log.
 
-    Events from before its opening that a log repeats are read once. Raises the errors of
-    `parse_survey` and `open_log`.
+    Events from before the opening of a log, which two logs hold, are read once. Raises the errors
+    of `parse_survey` and `open_log`.
     """
     survey = parse_survey(text, source)
     found: list[tuple[Path, Outcome]] = []

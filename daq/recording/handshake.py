@@ -1,5 +1,5 @@
-"""The answer to the machine that its stop is captured and that it may move on; and the alarm for a
-machine that waits in vain.
+"""The answer to the machine that a stop is captured and the machine may move on; and the alarm for
+a machine that waits in vain.
 """
 
 from collections.abc import Callable
@@ -10,18 +10,20 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 
 LEAST_PATIENCE_S = 1.0
-"""A stop needs its window and a few polls, even if the plan has a shorter dwell."""
+"""Least time in s before an answer is repeated: a stop needs its window and a few polls, even if
+the plan's dwell is shorter.
+"""
 MOST_TIMES = 3
 """Number of answers to a machine that has never moved on, before a finding names it."""
 
 
 class Handshake:
-    """``stop_count`` and ``captured`` must become equal: a machine that waits longer than a dwell
-    gets the answer again, or a finding names it.
+    """Supervises that ``stop_count`` and ``captured`` become equal: a machine that waits longer
+    than a dwell gets the answer again, or a finding reports it.
 
-    ``tell`` receives a stop count; ``owed`` is the count of the last stop in the logs, in case a
-    daemon ended before it wrote to the machine. ``alarm`` is the message that the machine waits in
-    vain; empty otherwise.
+    ``tell`` writes a stop count to the machine. ``owed`` is the count of the last stop in the logs:
+    an earlier daemon may have ended before it wrote this count. ``alarm`` is the message that the
+    machine waits in vain; empty otherwise.
     """
 
     def __init__(self, tell: Callable[[int], None], owed: int | None, dwell_s: float) -> None:
@@ -37,14 +39,16 @@ class Handshake:
         self.alarm: Words = ""
 
     def captured(self, stop: CapturedStop) -> None:
-        """Process a captured stop; the machine has left a recovered stop long ago."""
+        """Process a captured stop. A recovered stop is not answered: the machine has left it long
+        ago.
+        """
         if stop.stop_count is not None and not stop.recovered:
             self._written, self._written_ns = stop.stop_count, self._since_ns
             self._tell(stop.stop_count)
 
     def written(self, refused: Words) -> Finding | None:
-        """Record whether the machine accepted a written value, and the reason of a refusal; return
-        its finding, once.
+        """Record the reason why the machine refused a written value (empty: accepted); return the
+        finding of a refusal, once.
         """
         before, self._refused = self._refused, refused
         if not refused or before:
@@ -55,7 +59,7 @@ class Handshake:
     def look(
         self, signals: Signals | None, now_ns: int, waits_for: Callable[[], Words]
     ) -> Finding | None:
-        """Process a poll; write an unread answer again, and return the finding of a machine that
+        """Process a poll: write an unread answer again, and return the finding about a machine that
         waits in vain.
         """
         count = signals.stop_count if signals is not None and _waits(signals) else None

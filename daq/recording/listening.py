@@ -1,5 +1,5 @@
-"""Examining the lines between two logs: an instrument that sends unreadable bytes is named before a
-pass is driven.
+"""Examines the instruments' lines between two logs: an instrument that sends unreadable bytes is
+reported before a pass is driven.
 """
 
 from collections.abc import Iterator
@@ -17,12 +17,12 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag
 
 PATIENCE_NS = 3_000_000_000
-"""Longest time in ns in which an instrument's bytes may be unreadable: its line was opened in the
-middle of a word, or its power was just switched on.
+"""Longest time in ns in which an instrument's bytes may be unreadable: the line may have been
+opened in the middle of a word, or the power just switched on.
 """
 SILENCE_NS = 500_000_000
-"""A silence uses up at most this part of that time: noise at the opening of a line is no evidence
-about an instrument that gets power an hour later.
+"""Largest part in ns of `PATIENCE_NS` that one silence uses up: noise at the opening of a line is
+no evidence about an instrument that gets power an hour later.
 """
 SECOND_NS = 1_000_000_000
 
@@ -31,7 +31,7 @@ SECOND_NS = 1_000_000_000
 class _Ear:
     """The bytes of a line since its opening, until they give readings.
 
-    ``before``: a finding has named an instrument on this line already, before a loss.
+    ``before``: before a loss of the line, a finding has already reported an instrument on it.
     """
 
     decoder: Decoder
@@ -58,9 +58,9 @@ class _Ear:
             self._decode(data, chunk.arrival_ns)
 
     def after_loss(self, decoder: Decoder) -> "_Ear":
-        """Return the state for an instrument that comes back. The waiting time continues over the
-        loss, or a line that is interrupted every second would never be named. After a finding it
-        begins anew, or the line would be named again and again.
+        """Return the state after a loss of the line. The waiting time continues over the loss;
+        otherwise a line that is interrupted every second would never be reported. After a finding
+        the waiting time starts again; otherwise the line would be reported again and again.
         """
         before = (self.before or self.reported) and not self.understood
         return _Ear(
@@ -68,8 +68,8 @@ class _Ear:
         )
 
     def _looked_at(self, chunk: Chunk) -> bytes:
-        """Return the bytes examined after the report of unreadable bytes: the beginning of every
-        second.
+        """Return the bytes of a chunk that are examined: all, or after a report of unreadable bytes
+        the beginning of every second.
         """
         if chunk.arrival_ns - self.looked_ns >= SECOND_NS:
             if self.looked_at >= KEPT:
@@ -96,7 +96,7 @@ class Listening:
         self._ears = _ears(survey)
 
     def take_link(self, event: LinkEvent) -> None:
-        """Process a change of a link: a line that comes back may lead to another instrument."""
+        """Process a change of a link: after a loss, another instrument may be on the line."""
         if event.link != "machine" and event.interrupts:
             self._ears[event.link] = self._ears[event.link].after_loss(
                 decoders(self._survey)[event.link]

@@ -56,16 +56,17 @@ _log = structlog.get_logger("rounds")
 
 @dataclass(slots=True)
 class FolderLock:
-    """Keeps a second daemon out of a survey's folder, for as long as this process lives; the
-    descriptor is that of the lock's file."""
+    """A lock that keeps a second daemon out of a survey's folder until this process ends; it holds
+    the descriptor of the lock's file.
+    """
 
     descriptor: int
     folder: Path
 
     @classmethod
     def take(cls, folder: Path) -> Self:
-        """Return the lock of a folder, created if necessary. Raises UsageError if another daemon
-        holds the lock or it cannot be written.
+        """Take the lock of a folder, which is created if necessary. Raises UsageError if another
+        daemon holds the lock or the folder cannot be written.
         """
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -108,13 +109,13 @@ class FolderLock:
             )
 
     def release(self) -> None:
-        """Let go."""
+        """Release the lock."""
         os.close(self.descriptor)
 
 
 def _sign(descriptor: int, folder: Path) -> None:
-    """Write the holder into the lock, for the refusal of another daemon. Raises UsageError where
-    the folder cannot be written.
+    """Write the holder of the lock into its file, for the message to another daemon. Raises
+    UsageError if the folder cannot be written.
     """
     try:
         os.ftruncate(descriptor, 0)
@@ -128,7 +129,7 @@ def _sign(descriptor: int, folder: Path) -> None:
 
 
 def is_recording(folder: Path) -> bool:
-    """Return whether a daemon holds the folder now; nothing is created or changed."""
+    """Return whether a daemon holds the lock of the folder now; no file is created or changed."""
     try:
         with (folder / LOCK).open("rb") as file:
             lock(file.fileno(), shared=True)
@@ -150,12 +151,12 @@ def round_folders(folder: Path) -> list[Path]:
 
 
 def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
-    """Return the round to continue: the last round if it is incomplete and its survey file drives
-    the machine alike, or if this file has further setups; otherwise a new round.
+    """Return the round to continue: the last round, if it is incomplete and its survey file means
+    the same drive of the machine, or if ``survey_text`` adds setups to it; otherwise a new round.
 
-    If this file reads registers or laser differently, the stops come from the logs read with this
-    file; a note beside the logs records this. Logs that were cut off are mended first, into new
-    files.
+    If ``survey_text`` decodes registers or laser differently, the logs are read again with it, and
+    a correction beside the logs records the change. Logs that were cut off are mended first, into
+    new files.
     """
     rounds = round_folders(folder)
     if not rounds:
@@ -198,9 +199,9 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
 
 
 def gone_on_with(folder: Path, survey_text: str) -> Path:
-    """Return the folder of a round without a result: the round itself; if a survey file has further
-    setups than a round with a result, and drives these as before, a new round with the same logs.
-    It includes the statements of the operator or the solver beside the logs.
+    """Return the folder of the round to continue: ``folder``, or, if this round has a result and
+    the survey file adds setups to it, a new round with the same logs and the same statements of
+    operator and solver.
     """
     logs = begun_logs(folder)
     recorded = {open_log(log).header.survey_text for log in logs}
@@ -219,7 +220,9 @@ def gone_on_with(folder: Path, survey_text: str) -> Path:
 
 
 def _copied(path: Path, target: Path) -> None:
-    """Give a file a second name; logs are never changed again, other files are copied."""
+    """Copy a file into another round; a log, which never changes again, gets a second name
+    instead.
+    """
     with suppress(OSError):
         if path.suffix != ".jsonl":
             target.hardlink_to(path)
@@ -254,15 +257,17 @@ def mend(folder: Path) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Noted:
-    """The notes of a log, in order: the results of the live run, without decoding again."""
+    """The notes of a log in order: the results of the live run, without decoding the raw bytes
+    again.
+    """
 
     stops: tuple[CapturedStop, ...]
     findings: tuple[Finding, ...]
 
 
 def noted_round(folder: Path, logs: Sequence[Path], survey_text: str) -> Noted:
-    """Return the stops and findings of a round by its survey file: from the logs' notes, or else
-    from their bytes.
+    """Return the stops and findings of a round with its survey file: from the notes in the logs, or
+    else from the raw bytes.
     """
     if logs and must_reread(logs, survey_text):
         _, found = reread(logs, survey_text, "survey", verdicts_in(folder).suspicions)
@@ -321,7 +326,7 @@ def _finding_of(note: bytes, log: Path) -> Finding:
         found = msgspec.json.decode(note, type=_FindingNote)
         arguments = msgspec.json.decode(
             found.arguments or "null"
-        )  # a log of an older version has only the text
+        )  # a log of an older version has only a text
     except DAMAGE as error:
         raise DataError(
             str(log), expected=message("findings-noted"), found=damage_of(error)

@@ -1,5 +1,5 @@
-"""Beginning and end of a log, and the open passes of the survey: the decisions of the recording,
-without any input or output.
+"""The decisions of the recording, without any input or output: when a log begins and ends, and
+which passes of the survey are open.
 """
 
 import dataclasses
@@ -58,9 +58,9 @@ dwell begins before the pass is recognised.
 """
 SAMPLE_NOTE_NS = 200_000_000
 SIGNALS_NOTE_NS = 500_000_000
-"""Period in ns of the reading and the signals in a log, for a viewer."""
+"""Period in ns in which the reading and the signals are written into a log, for a viewer."""
 IDLE_CLOSE_NS = 5_000_000_000
-"""Time after which a log without a stop is closed when the program no longer runs."""
+"""Time in ns after the end of the machine's program at which a log without a stop is closed."""
 
 
 INTERRUPTED = Break(0, message("recording-interrupted"), watched=False)
@@ -68,7 +68,7 @@ INTERRUPTED = Break(0, message("recording-interrupted"), watched=False)
 
 
 class LogSink(Protocol):
-    """The recorder as a session uses it (`daq.log.recorder.Recorder`)."""
+    """The interface of the recorder that a session uses (`daq.log.recorder.Recorder`)."""
 
     def begin(self, path: Path, header: LogHeader) -> None: ...
     def admit(self, event: Event) -> tuple[Event, ...]: ...
@@ -146,8 +146,8 @@ class Session:
         self._samples = 0
         self._strip = Strip()
         self._unshown: StreamBuffer | None = None
-        """The laser's samples of the pass that ended last, until they are displayed: the machine
-        waits for the answer to the last stop while its pass ends.
+        """The laser's samples of the pass that ended last, until they are displayed. At the end of
+        the pass the machine waits for an answer, so the display comes later.
         """
         self.recent = RecentStops()
         self.signals: Signals | None = None
@@ -156,8 +156,8 @@ class Session:
         self.book.add_all(begun.stops)
         self.book.news()
         self.owed: int | None = None
-        """The count of the last captured stop, in case a daemon ended before it wrote to the
-        machine.
+        """The machine's count at the last captured stop: an earlier daemon may have ended before it
+        answered this stop.
         """
         self._stand_at(self.book.last or begun.left)
         self._stops = list(begun.stops)
@@ -165,16 +165,16 @@ class Session:
         self.findings = list(begun.findings)
         self.book.wrong_line = next(filter(None, map(line_to_correct, self.findings)), "")
         self.unsolved = begun.verdicts.tell(self.book)
-        """Why the survey cannot be solved although every pass is complete; empty if there is no
-        reason.
+        """The reason why the survey cannot be solved although every pass is complete; empty without
+        such a reason.
         """
         self.shown_zero_mm = 0.0
 
     def _stand_at(self, last: CapturedStop | None) -> None:
-        """Store the end of a pass captured by another daemon: the machine waits there for the
-        answer that was lost with the daemon, not for a new pass.
+        """Record that an earlier daemon captured the last stop of a pass: the machine may wait
+        there for the answer that was lost with this daemon, not for a new pass.
 
-        Without a counter it is unknown whether the machine stood there all the time.
+        Without a stop counter it is unknown whether the machine has stood there all the time.
         """
         if last is None or last.stop_count is None:
             return
@@ -198,8 +198,8 @@ class Session:
 
     @property
     def strip(self) -> Strip:
-        """Return the newest readings for display. The samples are decoded here; while no page
-        displays them, chunks are collected and decoded together.
+        """Return the newest readings for display. This call decodes the samples; without a page,
+        chunks are collected and decoded together.
         """
         if self._unshown is not None:
             self._strip.follow(self._unshown)
@@ -222,8 +222,8 @@ class Session:
         return self._samples + (self.capture.laser.samples if self.capture is not None else 0)
 
     def consume(self, event: Event) -> None:
-        """Process the next event: into the log first, then into the capture; or keep it until a log
-        begins.
+        """Process the next event: record it in the log, then pass it to the capture; without a log,
+        keep the event until a log begins.
         """
         if isinstance(event, LinkEvent):
             self._listening.take_link(event)
@@ -262,7 +262,7 @@ class Session:
         self._begin_log(at_ns)
 
     def _why_not(self, setup: str) -> Words:
-        """Return why a setup cannot be begun; empty if it can."""
+        """Return the reason why a setup cannot be begun; empty without a reason."""
         planned = self.survey.plan.all_setups
         if not self.survey.plc.silent:
             return message("found-says-itself")
@@ -273,8 +273,8 @@ class Session:
         return "" if self.book.open_passes(setup) else message("found-all-in")
 
     def zero(self) -> None:
-        """Show the reading from here on relative to the present reading; the recorded reading stays
-        unchanged.
+        """Show the reading relative to the present reading from now on; recorded readings are not
+        affected.
         """
         last = self.laser_samples()
         self.shown_zero_mm = (
@@ -292,11 +292,11 @@ class Session:
             self._end_log("interrupted", reason)
 
     def hear(self, verdicts: Verdicts) -> None:
-        """Add the statements made since by persons and the solver."""
+        """Use the statements that persons and the solver have made until now."""
         self.unsolved = verdicts.tell(self.book)
 
     def as_round(self, verdicts: Verdicts) -> Round:
-        """Return the survey's present state, to continue from it."""
+        """Return the survey's present state, from which another session can continue."""
         return Round(
             self.folder,
             self.round.run,
@@ -307,7 +307,7 @@ class Session:
         )
 
     def say(self, finding: Finding) -> None:
-        """Add a finding from outside the recording; an open log stores it too."""
+        """Add a finding from outside the recording; an open log stores the finding too."""
         self._heed(finding)
 
     def remark(self, what: Message) -> None:
@@ -316,7 +316,7 @@ class Session:
             self._sink.note(log_note(now_ns(), "warning", str(what), "daemon"))
 
     def found(self, finding: Finding) -> None:
-        """Store an event from outside, beside the events of the capture."""
+        """Store a finding from outside, together with the findings of the capture."""
         self.findings.append(finding)
         if self.capture is not None:
             self._sink.note(finding_note(self._noted_signals_ns, finding))
@@ -390,7 +390,7 @@ class Session:
         return signals.stopped is True or (named and self._wanted(signals.setup))
 
     def _left(self, signals: Signals) -> bool:
-        """Return whether the program of the previous survey is over, by the signals."""
+        """Return whether the signals show that the program of the previous survey is over."""
         if signals.running is None and signals.setup is None:
             return not signals.stopped
         return (
@@ -400,7 +400,7 @@ class Session:
         )
 
     def _wanted(self, setup: int | None) -> bool:
-        """Return whether a pass of the machine's setup is still open."""
+        """Return whether a pass of the setup that the machine signals is still open."""
         if setup is None:
             return not self.book.complete()
         return any(
@@ -486,8 +486,8 @@ class Session:
             self._end_log("aborted", message("ended-without-stop"))
 
     def _go_on(self, now_ns: int, *, whole: bool) -> None:
-        """Begin the next pass of the setup announced by the operator: the program drives the passes
-        in turn.
+        """Begin the next pass of the setup announced by the operator: the machine's program drives
+        the passes in turn.
         """
         self._passes_left -= 1
         if (
@@ -501,12 +501,14 @@ class Session:
             self._begun = ""
 
     def _begin_next(self, since_ns: int, now_ns: int) -> None:
-        """Begin the next log with the events after a time."""
+        """Begin the next log with the events after the time ``since_ns``."""
         self._before = deque(each for each in self._before if time_of(each) > since_ns)
         self._begin_log(now_ns)
 
     def _forgotten(self, capture: Capture, event: Event) -> bool:
-        """Return whether the program has been outside a log without a stop for a while."""
+        """Return whether the open log has no stop and the machine's program has not run for
+        `IDLE_CLOSE_NS`.
+        """
         signals = capture.signals
         if (
             capture.walk is not None
@@ -552,7 +554,7 @@ class Session:
         self._on_outcome(outcome)
 
     def _draw(self, stop: CapturedStop) -> None:
-        """Write the scene after a stop into the log."""
+        """Write the scene for the viewer into the log after a stop."""
         self._drawn.append(stop)
         walk = self.capture.walk if self.capture is not None else None
         if walk is not None:
@@ -593,7 +595,7 @@ class Session:
 
 
 def _idle_streams(survey: Survey) -> dict[Stream, StreamBuffer]:
-    """Return the examination of the lines between two logs."""
+    """Return the stream buffers that follow the instruments between two logs."""
     return {
         stream: StreamBuffer(decoder)
         for stream, decoder in decoders(survey).items()

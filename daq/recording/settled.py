@@ -9,10 +9,11 @@ Settlement = Literal["", "complete", "doubted"]
 
 
 class Settled:
-    """Answers for one survey after another, and stores questions that come too early.
+    """Answers whether a survey is settled, for one survey after another, and stores questions that
+    come too early.
 
-    While a log is open the answer is unknown: the log may bring another measurement of the doubtful
-    stop. The log may also end without a pass, and no later event would then check again whether the
+    While a log is open the answer is unknown: the log may contain another measurement of a doubtful
+    stop. If the log then ends without a pass, only the stored question checks again whether the
     survey is complete.
     """
 
@@ -21,12 +22,12 @@ class Settled:
         self._asked_too_early = False
 
     def know(self, session: Session) -> None:
-        """Mark the statements beside a survey as known: its session began with them."""
+        """Mark the statements beside a survey's logs as known to its session."""
         self._mark = (session.folder, *mark_of(session.folder))
 
     def heard(self, session: Session) -> bool:
         """Pass to a session the statements that persons added to its survey outside this process;
-        return whether there were new ones.
+        return whether there were new statements.
         """
         mark = (session.folder, *mark_of(session.folder))
         if mark == self._mark:
@@ -36,14 +37,12 @@ class Settled:
         return True
 
     def due(self, session: Session) -> bool:
-        """Return whether to examine the survey now because the question came while a log was
-        open.
-        """
+        """Return whether a question came while a log was open, and can be answered now."""
         return self._asked_too_early and not session.recording
 
     def of(self, session: Session) -> Settlement:
-        """Return whether a survey is complete, or open only for a doubt; empty for a missing pass,
-        or before this is known.
+        """Return whether a survey is complete, or open only because of a doubt; empty if a pass is
+        missing or the answer is not known yet.
         """
         self._asked_too_early = session.recording
         if session.recording or (not session.round.logs and not session.book.passes):

@@ -1,4 +1,4 @@
-"""The sinks of a session's logs without a recorder (`daq.recording.session.LogSink`): straight into
+"""Sinks of a session's logs (`daq.recording.session.LogSink`) without a recorder: straight into
 files, or nowhere.
 """
 
@@ -18,13 +18,13 @@ class DirectSink:
     """
 
     def begin(self, path: Path, header: LogHeader) -> None:
-        """Begin a log. Raises FileExistsError where a log exists at its path."""
+        """Begin a log. Raises FileExistsError if a log exists at this path."""
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = PartFile(path)
         self._writer = LogWriter(self._file, header)
 
     def admit(self, event: Event) -> tuple[Event, ...]:
-        """Write an event; return it in the form of the log."""
+        """Write an event; return the event as stored in the log."""
         event = whole_us(event)
         self._writer.event(event)
         return (event,)
@@ -34,7 +34,7 @@ class DirectSink:
         self._writer.note(note)
 
     def promise(self, note: Note, saved: Callable[[], object]) -> None:
-        """Write a note and report it."""
+        """Write a note and report that it is stored."""
         self._writer.note(note)
         saved()
 
@@ -53,7 +53,7 @@ class Nowhere:
         """Begin nothing."""
 
     def admit(self, event: Event) -> tuple[Event, ...]:
-        """Return an event as it is."""
+        """Return an event unchanged."""
         return (event,)
 
     def note(self, note: Note) -> None:
@@ -61,7 +61,7 @@ class Nowhere:
         del note
 
     def promise(self, note: Note, saved: Callable[[], object]) -> None:
-        """Report a note at once."""
+        """Report at once that a note is stored."""
         del note
         saved()
 

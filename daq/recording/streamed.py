@@ -1,9 +1,9 @@
 """A setup recorded by another program: the session processes its series of positions like those of
 a live laser.
 
-The samples become lines as the survey's ``[laser.line]`` describes them, with a host's clock
-computed from the sample's number. So the log, its replay, the doubts and the result equal those of
-a laser recorded here, and stops are named as for a machine without signals
+The samples become text lines in the form of the survey's ``[laser.line]``, with arrival times
+computed from the numbers of the samples. So log, replay, doubts and result are as for a laser
+recorded by this program, and stops are named as for a machine without signals
 (`daq.capture.by_laser`).
 """
 
@@ -24,19 +24,22 @@ from stepdiag.daq.survey.models import Survey
 
 SECOND_NS = 1_000_000_000
 CHUNK_S = 0.05
-"""Number of bytes that a serial line passes on at a time."""
+"""Duration in s of a chunk, about that of a serial line."""
 LINE = "{count} {position:.9f}\n"
 SECTION = """[laser]
 format = "line"
 [laser.line]
 pattern = '(?P<counter>[0-9]+) (?P<position>-?[0-9.]+)'
 counter_modulus = 1000000000"""
-"""The part of a survey file for such lines, beside ``port``, ``compensated`` and ``rate_hz``."""
+"""The part of a survey file that describes these lines, without ``port``, ``compensated`` and
+``rate_hz``.
+"""
 
 
 def require_such_lines(survey: Survey, source: str) -> float:
-    """Return the rate in Hz at which the survey's laser takes samples. Raises UsageError where it
-    describes another instrument."""
+    """Return the rate in Hz at which the survey's laser takes samples. Raises UsageError if the
+    survey file describes other lines.
+    """
     remedy = message("stream-survey-remedy", section=SECTION)
     if not survey.plc.silent:
         raise UsageError(
@@ -71,8 +74,7 @@ def record_series(
     pass after pass.
 
     Raises UsageError if the survey has no open pass of the setup, DataError if the series lacks a
-    stop of a pass: then only stops that the plan places are named, and its logs remain, like the
-    logs of an unsuccessful pass.
+    stop of a pass; the logs then remain, like the logs of an unsuccessful pass.
     """
     taken: list[CapturedStop] = []
     session = Session(
@@ -104,9 +106,7 @@ def record_series(
 
 
 def _chunks(series: Series) -> Iterator[Chunk]:
-    """Yield the samples as chunks of lines, each arriving with its last sample; at the end of the
-    series the machine remains standing.
-    """
+    """Yield the samples as chunks of lines; a chunk arrives at the time of its last sample."""
     size = max(1, round(CHUNK_S * series.rate_hz))
     for first in range(0, len(series.position_mm), size):
         part = series.position_mm[first : first + size]

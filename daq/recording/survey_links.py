@@ -1,8 +1,8 @@
-"""The links of a survey: made from its file, kept open and supervised; their data become events in
-the event loop.
+"""The links of a survey: made from the survey file, kept open and supervised. Received data become
+events in the event loop.
 
-A chunk does not wake the loop: with a poll of the machine at least every twentieth of a second the
-loop runs soon enough, and sixty more wake-ups a second would cost a tenth of the daemon's work.
+A chunk does not wake the loop: the polls of the machine run the loop at least every twentieth of a
+second, and sixty more wake-ups a second would cost a tenth of the daemon's work.
 """
 
 import asyncio
@@ -30,22 +30,24 @@ from stepdiag.daq.timing.samples import Decoder
 Consume = Callable[[Event], None]
 Statuses = tuple[LinkStatus, LinkStatus, LinkStatus | None, LinkStatus | None]
 WAKE_NS = 30_000_000
-"""A chunk that arrives this long after the last collection wakes the loop."""
+"""Time in ns since the last collection of chunks after which a new chunk wakes the loop."""
 SLICE_NS = 100_000_000
 """Longest time in ns during which the loop processes chunks before other work: seconds of data of
 any sound instrument.
 """
 MOST_WAITING_BYTES = 4_000_000
-"""Chunks beyond this size are lost, and reported as lost: ten seconds of the fastest line."""
+"""Largest number of waiting bytes, ten seconds of the fastest line; further chunks are lost, and
+reported as lost.
+"""
 
 
 class SurveyLinks:
-    """Laser, machine and, if present, the 4-DOF head and the sensor of air.
+    """The links of laser, machine and, if present, 4-DOF head and sensor of air.
 
     ``consume`` is called in the event loop, in the order of arrival.
 
-    ``on_written`` receives the result of every register written to the machine: the reason of a
-    refusal, or nothing for success.
+    ``on_written`` is called after every write of a register, with the reason of a refusal, or
+    without a reason after a success.
     """
 
     def __init__(
@@ -81,8 +83,8 @@ class SurveyLinks:
         self._tasks: list[asyncio.Task[None]] = []
 
     async def run(self) -> None:
-        """Keep all links open until cancelled. Raises an error where a fault of this program ended
-        one of them.
+        """Keep all links open until cancelled. Raises the error of a fault of this program that
+        ended a link.
         """
         try:
             async with asyncio.TaskGroup() as group:
@@ -97,8 +99,8 @@ class SurveyLinks:
     def collect(self) -> None:
         """Pass on the chunks that have arrived.
 
-        If a line brings too much, every other turn belongs to the machine, the page and the end of
-        the daemon: after `SLICE_NS` nothing is handed on for as long again.
+        After `SLICE_NS` of work no chunk is passed on for the same time, so that machine, page and
+        the end of the daemon get their turn even if a line sends too much.
         """
         self._woken = False
         self._collected_ns = began_ns = now_ns()
@@ -123,26 +125,26 @@ class SurveyLinks:
             self._consume(Loss(now_ns(), chunks, size, message("line-overloads")))
 
     def hurry(self) -> None:
-        """Until the next poll, collect every chunk as soon as it arrives: a machine waits. The
-        instruments' bytes until now arrive at once.
+        """The machine waits: collect every chunk as soon as it arrives, until the next poll, and
+        let the readers pass on their bytes now.
         """
         self._hurried = True
         for stream in self._streams:
             stream.hurry()
 
     def acknowledge(self, stop_count: int) -> None:
-        """Report a captured stop to the machine: written before the next poll, once, to the one
-        configured register.
+        """Write the count of a captured stop into the configured register of the machine, once,
+        before the next poll.
         """
         place = self._survey.plc.handshake
         self._poller.write_soon(place.table, place.address, stop_count)
 
     def dead(self) -> Iterator[str]:
-        """Yield the links whose worker has ended."""
+        """Yield the names of the links whose worker has ended."""
         return (task.get_name() for task in self._tasks if task.done())
 
     def statuses(self) -> Statuses:
-        """Return the state of laser, machine, head and sensor of air."""
+        """Return the state of the links of laser, machine, head and sensor of air."""
         head, air = (
             self._status(name) if name in self._lines else None for name in ("head", "air")
         )
@@ -180,8 +182,8 @@ class SurveyLinks:
         return Reconnector(stream, line.session, self._reporter(stream))
 
     def _receiver(self, stream: Stream) -> OnChunk:
-        """Return the function that the reading thread calls: the chunk, stamped there, waits until
-        the loop collects it.
+        """Return the function that a reading thread calls with each stamped chunk; the chunk waits
+        there until the loop collects it.
         """
 
         def arrived(data: bytes, arrival_ns: int) -> None:
@@ -197,16 +199,16 @@ class SurveyLinks:
         return arrived
 
     def _wake(self) -> None:
-        """Make the loop collect once more, after all waiting work; from any thread, and once for
-        several calls.
+        """Make the loop collect chunks once more, after all waiting work. May be called from any
+        thread; several calls have one effect.
         """
         if not self._woken:
             self._woken = True
             self._loop.call_soon_threadsafe(self._collect_or_fail)
 
     def _collect_or_fail(self) -> None:
-        """Collect in a separate turn of the loop; a failure would be unnoticed there, so it ends
-        `run`.
+        """Collect chunks in a separate turn of the loop; a failure, which nobody would notice
+        there, ends `run`.
         """
         try:
             self.collect()
@@ -234,7 +236,7 @@ class SurveyLinks:
 
 
 def machine_settings(plc: Plc) -> MachineSettings:
-    """Return how the survey's machine is reached."""
+    """Return the settings of the link to the survey's machine."""
     if plc.transport == "tcp":
         return TcpSettings(
             host=plc.host, port=plc.tcp_port, unit=plc.unit, timeout_s=plc.timeout_s
@@ -260,7 +262,7 @@ def machine_settings(plc: Plc) -> MachineSettings:
 
 
 def serial_settings(section: SerialSection) -> SerialSettings:
-    """Return how an instrument of the survey is reached."""
+    """Return the settings of the line of an instrument."""
     return SerialSettings(
         port=section.port,
         baud=section.baud,
@@ -271,7 +273,7 @@ def serial_settings(section: SerialSection) -> SerialSettings:
 
 
 def _sections(survey: Survey) -> dict[str, SerialSection | None]:
-    """Return how the line of every stream is set."""
+    """Return the section of the survey file for the line of every stream."""
     return {"laser": survey.laser, "head": survey.head, "air": survey.air_sensor}
 
 

@@ -1,8 +1,8 @@
-"""Verdicts on a survey beside its logs: of an operator who accepts a doubt or states the time, and
-of the solver without a result.
+"""Verdicts on a survey, stored beside its logs: an operator accepts a doubt or states the time, or
+the solver finds no result.
 
-Three files of a JSON object a line, only ever appended to: ``accepted.jsonl``, ``dated.jsonl`` and
-``judged.jsonl``. A line torn by a power failure is skipped: its acceptance is then open again.
+Three files hold a JSON object per line: ``accepted.jsonl``, ``dated.jsonl`` and ``judged.jsonl``.
+Lines are only appended. A line torn by a power failure is skipped: its doubt is then open again.
 """
 
 import os
@@ -27,7 +27,7 @@ CORRECTED = "corrected.jsonl"
 WORDS = (ACCEPTED, DATED, JUDGED, CORRECTED)
 """The files that always belong to the logs of a survey."""
 LARGEST_BYTES = 4_000_000
-"""Size in bytes above which the file was not written by persons."""
+"""Size in bytes above which a file of verdicts is refused: no person writes so many."""
 Line = TypeVar("Line", bound=msgspec.Struct)
 
 _log = structlog.get_logger("verdicts")
@@ -37,8 +37,7 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
     """The reason why the solver found no result suitable for export.
 
     ``stops`` is the number of captured stops at that time (out of date after another stop);
-    ``reason`` is in words; ``doubts`` are the most probable faults, none if no repeated pass would
-    help.
+    ``doubts`` are the most probable faults, empty if no repeated pass would help.
     """
 
     time_s: float
@@ -48,7 +47,7 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
-    """All verdicts on one survey: of persons, and of the solver last."""
+    """All verdicts on one survey: acceptances, verdicts of the solver, stated times."""
 
     accepted: tuple[Acceptance, ...] = ()
     judgements: tuple[Judgement, ...] = ()
@@ -58,14 +57,14 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def suspicions(self) -> tuple[tuple[int, tuple[Doubt, ...]], ...]:
-        """Return the suspicions and the number of stops before each, in the form for a book without
-        stops.
+        """Return the suspicions of the solver and the number of stops before each, as
+        `PassBook.foretell` takes them.
         """
         return tuple((each.stops, each.doubts) for each in self.judgements)
 
     def tell(self, book: PassBook) -> Words:
-        """Pass the verdicts to the passes of a survey; return the reason why it cannot be solved
-        although every pass is complete, empty if it can.
+        """Pass the verdicts to the passes of a survey; return the reason why the survey cannot be
+        solved although every pass is complete, empty without a reason.
         """
         for word in self.accepted:
             book.accept(word)
@@ -91,9 +90,9 @@ def verdicts_in(folder: Path) -> Verdicts:
 def accept(
     doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, time_s: float
 ) -> None:
-    """Add a person's acceptance of doubts; on disk when this returns.
+    """Add a person's acceptance of doubts; it is on disk when this returns.
 
-    Raises UsageError where the reason or the name is empty, or the file cannot be written.
+    Raises UsageError if the reason or the name is empty, or the file cannot be written.
     """
     _require_words(reason=reason, name=name)
     words = [
@@ -106,8 +105,8 @@ def accept(
 def state_time(
     folder: Path, begun_s: float, *, reason: str, name: str, time_s: float
 ) -> None:
-    """Add a person's statement of the time of the first stop, in seconds since 1970; on disk when
-    this returns. Raises the errors of `accept`.
+    """Add a person's statement of the time of the first stop, in seconds since 1970; it is on disk
+    when this returns. Raises the errors of `accept`.
     """
     _require_words(reason=reason, name=name)
     word = TimeStated(
@@ -157,14 +156,14 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
 
 
 def note_judgement(folder: Path, judged: Judgement) -> None:
-    """Add the verdict of the solver; on disk when this returns. Raises UsageError where the file
+    """Add a verdict of the solver; it is on disk when this returns. Raises UsageError if the file
     cannot be written.
     """
     append_line(folder / JUDGED, msgspec.json.encode(judged))
 
 
 def mark_of(folder: Path) -> tuple[int, ...]:
-    """Return a value that changes with every added line."""
+    """Return a value that changes whenever a line is added to a file of verdicts."""
     return tuple(
         path.stat().st_size if path.exists() else 0
         for path in (folder / name for name in WORDS)
@@ -172,8 +171,8 @@ def mark_of(folder: Path) -> tuple[int, ...]:
 
 
 def append_line(path: Path, line: bytes) -> None:
-    """Append a line after the existing content, a torn line included; on disk when this returns, or
-    not written at all. Raises UsageError.
+    """Append a line to a file, which may end with a torn line. The line is on disk when this
+    returns. Raises UsageError, with the file unchanged, if the disk refuses.
     """
     before = path.stat().st_size if path.exists() else None
     try:
@@ -201,8 +200,8 @@ def _back_to(path: Path, size: int | None) -> None:
 
 
 def lines_of(path: Path, kind: type[Line]) -> list[Line]:
-    """Return the lines of a file that hold values of this kind; torn lines are skipped. Empty
-    without a file.
+    """Return the values of one kind in the lines of a file, without torn lines; empty without a
+    file.
     """
     if not path.is_file():
         return []

@@ -1,5 +1,5 @@
-"""The next passes of a survey, in a file beside its logs: written by a computing process, read by
-the daemon and by `status`.
+"""The file of a survey's next passes beside the logs: written by a computing process, read by the
+daemon and by `status`.
 """
 
 from pathlib import Path
@@ -16,14 +16,14 @@ LARGEST_BYTES = 100_000
 
 
 def write_ahead(folder: Path, ahead: AheadStatus) -> None:
-    """Write the file, complete or not at all. Raises UsageError where the folder cannot be
-    written.
+    """Write the file of the next passes, complete or not at all. Raises UsageError if the folder
+    cannot be written.
     """
     write_atomically(folder / AHEAD, msgspec.json.encode(ahead))
 
 
 def ahead_in(folder: Path) -> AheadStatus:
-    """Return the next passes stored in a folder; None where the file is missing or damaged."""
+    """Return the next passes stored in a folder; empty if the file is missing or damaged."""
     try:
         return msgspec.json.decode(
             read_bytes(folder / AHEAD, largest=LARGEST_BYTES), type=AheadStatus

@@ -25,12 +25,12 @@ _log = structlog.get_logger("daemon")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commands:
-    """``completion`` is run with a finished survey's folder, ``archiving`` with the folder of all
-    surveys and their limit in GB (0: none).
+    """The commands that run as child processes. ``completion`` gets a finished survey's folder,
+    ``archiving`` the folder of all surveys and its limit in GB (0: none).
 
-    ``ahead`` is run after each setup for the next passes, with `TAKE` for a further setup chosen by
-    the operator. ``completion`` with `READINGS_ONLY` before the folder is run for a survey that
-    stays open, with `CERTIFICATE_ONLY` for a finished survey.
+    ``ahead`` computes the next passes after each setup, and with `TAKE` adds the further setup that
+    the operator chose. ``completion`` with `READINGS_ONLY` before the folder serves a survey that
+    stays open, with `CERTIFICATE_ONLY` a finished survey.
     """
 
     completion: Sequence[str]
@@ -40,9 +40,9 @@ class Commands:
 
 
 class Finisher:
-    """Runs the children and keeps the outcome of the last.
+    """Runs the child processes and stores the outcome of the last one.
 
-    ``on_done`` is called after a survey was solved, or could not be: with its folder and whether
+    ``on_done`` is called after the attempt to solve a survey, with the survey's folder and whether
     there is a result.
     """
 
@@ -64,7 +64,9 @@ class Finisher:
         self._looking: asyncio.Task[None] | None = None
 
     def recorder_is(self, *, idle: bool) -> None:
-        """Record whether the last log is closed: an open log is not read."""
+        """Record whether the recorder is idle, so that the last log is closed: an open log is not
+        read.
+        """
         if idle:
             self._recorder_idle.set()
         else:
@@ -74,7 +76,7 @@ class Finisher:
         """Begin to solve the survey of a folder."""
         self._begin(self._finish(folder), f"completion {folder.name}")
         if self._looking is not None:
-            # the new result will contain more than this computation knows, and must not wait for it
+            # the new result contains more than this computation, and must not wait for it
             self._looking.cancel()
         self.phase, self.message = "solving", ""
 
@@ -91,7 +93,9 @@ class Finisher:
         self._begin(self._certify(folder, then), f"certificate {folder.name}")
 
     def look_ahead(self, folder: Path, then: Callable[[], None]) -> None:
-        """Begin to compute the next passes; ``then`` is called after success or failure."""
+        """Begin to compute the next passes of a survey; ``then`` is called after success or
+        failure.
+        """
         if self._commands.ahead:
             self._looking = self._begin(
                 self._look_ahead(folder, then), f"ahead {folder.name}"
@@ -104,12 +108,14 @@ class Finisher:
         self._begin(self._take(then), "take")
 
     def forget(self) -> None:
-        """Stop showing the result: another survey is being recorded, or this one continues."""
+        """Stop showing the result, because another survey is being recorded or the shown survey
+        continues.
+        """
         self.result = self.proof = None
         self.message = ""
 
     async def close(self) -> None:
-        """End the children that still run."""
+        """End the child processes that still run."""
         for child in self._children:
             child.cancel()
         await asyncio.gather(*self._children, return_exceptions=True)
@@ -121,8 +127,8 @@ class Finisher:
         return task
 
     async def _run(self, *command: str) -> tuple[int, Words]:
-        """Return the end of a child and its last message; one child after the other, because two
-        would write the same readings.
+        """Run a child process; return its exit code and its last message. The children run one
+        after the other, because two would write the same readings.
         """
         async with self._one:
             child = await asyncio.create_subprocess_exec(
@@ -197,8 +203,8 @@ class Finisher:
         await self._keep_budget(folder.parent)
 
     async def _keep_budget(self, folder: Path) -> None:
-        """Pack the oldest finished surveys within a limit, if any; the child writes into the same
-        log.
+        """Pack the oldest finished surveys to meet the limit of size, if there is one; the child
+        writes into the daemon's own log.
         """
         if self._commands.archiving and self._commands.max_gb:
             child = await asyncio.create_subprocess_exec(
@@ -226,8 +232,8 @@ def proof_in(result: Path) -> Severity | None:
 
 
 def _of_line(line: str) -> Words:
-    """Return the message in the last line of a child's output; the unchanged line of another
-    program.
+    """Return the message in the last line of a child's output; for another program, the line
+    itself.
     """
     try:
         return of_log(line, line)
@@ -236,7 +242,9 @@ def _of_line(line: str) -> Words:
 
 
 async def _last_words(child: asyncio.subprocess.Process) -> bytes:
-    """Return the standard error of a child after its end; on cancellation, end the child first."""
+    """Return the standard error of a child process after its end; a cancellation ends the child
+    first.
+    """
     try:
         _, written = await child.communicate()
     except asyncio.CancelledError:

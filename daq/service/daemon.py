@@ -1,8 +1,8 @@
 """The service: links, recorder and session in one event loop, for one survey after another.
 
-The recording process does nothing but record. Events of the links reach the session in the order of
-their arrival. After the last pass a child (`daq.service.child_jobs`) runs solver and exporters on
-the finished logs, and the next survey can begin at once.
+The daemon's process only records. Events of the links reach the session in the order of their
+arrival. After the last pass a child (`daq.service.child_jobs`) runs solver and exporters on the
+finished logs, and the next survey can begin at once.
 """
 
 import asyncio
@@ -47,7 +47,7 @@ from stepdiag.daq.timing.host_clock import now_ns, wall_offset_ns
 PUBLISH_S = 0.1
 """Period of the snapshot in s."""
 LOOK_S = 0.5
-"""Period in s of the search for new verdicts without another event."""
+"""Period in s in which new verdicts are searched if no event comes."""
 LIVE_S = 1.0
 """Period in s of the file from which `status` shows a running daemon."""
 _log = structlog.get_logger("daemon")
@@ -58,8 +58,8 @@ class Daemon:
     folder after its last pass.
 
     ``archiving`` is the command that runs with the folder of all surveys of this name and their
-    limit in GB, if any. ``ahead`` is the command that runs after a setup: it names the next passes.
-    ``programs`` gives the NC program of each setup of a survey, by its name at the control.
+    limit in GB, if any. ``ahead`` is the command that runs after a setup and computes the next
+    passes. ``programs`` gives the NC program of each setup of a survey, by its name at the control.
     ``status_source`` answers the page.
     """
 
@@ -102,8 +102,8 @@ class Daemon:
     async def run(self) -> None:
         """Record until SIGTERM, SIGINT or `stop`; then close the open log.
 
-        Raises UsageError where another daemon holds the folder, RuntimeError where a worker died,
-        DeviceError where the disk refused to the end.
+        Raises UsageError if another daemon holds the folder, RuntimeError if a worker died,
+        DeviceError if the disk refused data to the end.
         """
         self.take_folder()
         loop = self._loop = asyncio.get_running_loop()
@@ -122,14 +122,14 @@ class Daemon:
             raise _unwritten(recorder.health)
 
     def take_folder(self) -> None:
-        """Reserve the folder for this process, before anything else is opened. Raises UsageError
-        where another daemon holds the lock.
+        """Take the lock of the survey's folder before anything else is opened. Raises UsageError if
+        another daemon holds the lock.
         """
         if not self._taken:
             self._lock, self._taken = FolderLock.take(self._folder), True
 
     def stop(self) -> None:
-        """Ask the daemon to end."""
+        """Request the end of the daemon."""
         self._stop.set()
 
     async def _serve(self, recorder: Recorder) -> None:
@@ -139,9 +139,7 @@ class Daemon:
         self.status_source.open(working)
         self._settled.know(working.session)
         if working.session.book.complete():
-            working.session.unsolved = (
-                ""  # the obstacle of the solver may be removed meanwhile
-            )
+            working.session.unsolved = ""  # the reason why there was no result may be gone
         self._complete_if_settled()
         workers: list[asyncio.Task[Any]] = [
             asyncio.create_task(working.survey_links.run(), name="links"),
@@ -247,7 +245,9 @@ class Daemon:
             session.say(waits)
 
     def _written(self, refused: Words) -> None:
-        """Record whether the machine accepted a written value."""
+        """Process the machine's answer to a written register; ``refused`` is empty if the machine
+        accepted.
+        """
         if self._handshake is not None and (refusal := self._handshake.written(refused)):
             self._working.session.say(refusal)
 
@@ -271,8 +271,8 @@ class Daemon:
             self._ended(outcome)
 
     def _captured(self, stop: CapturedStop) -> None:
-        """Answer the machine after its stop is safe in the log, so that it may move on; everything
-        else comes after the answer.
+        """Answer the machine as soon as a stop is safe in the log, so that the machine may move on;
+        all other work follows the answer.
         """
         if self._handshake is not None:
             self._handshake.captured(stop)
@@ -301,8 +301,8 @@ class Daemon:
         )
 
     def _ended(self, ended: Ended) -> None:
-        """Report the result after the stops of the pass are reported: the last captured stop must
-        be safe in the log first.
+        """Report the end of a pass after its stops are reported: the last captured stop must first
+        be safe in the log.
         """
         note = log_note(now_ns(), "info", str(ended.reason), "daemon")
         # a stop is reported one turn of the loop after its answer, and so is the end of its pass
@@ -311,11 +311,11 @@ class Daemon:
             lambda: self._loop.call_soon_threadsafe(self._loop.call_soon, _say_ended, ended),
         )
         self._loop.call_soon(self._complete_if_settled)
-        # the beginning of a process stops the loop for ten milliseconds: the machine waits for the
-        # answer to its last stop meanwhile
+        # starting a process stops the loop for ten milliseconds, in which the machine would wait
+        # for the answer to its last stop
         self._loop.call_later(PUBLISH_S, self._look_ahead)
 
-    # survey after survey
+    # one survey after another
 
     def _session(self, recorder: Recorder, begun: Round, *, armed: bool = True) -> Session:
         session = Session(
@@ -332,8 +332,8 @@ class Daemon:
         return session
 
     def _complete_if_settled(self) -> None:
-        """Solve a survey whose passes are all complete and free of doubts; report the doubts if
-        they alone keep it open.
+        """Solve the survey if all passes are complete and free of doubts; report the doubts if they
+        alone keep the survey open.
         """
         session = self._working.session
         settled = self._settled.of(session)
@@ -346,7 +346,7 @@ class Daemon:
             )
 
     def _say_open(self, session: Session, still: Sequence[Doubt]) -> None:
-        """Report the remaining doubts: they may have been accepted meanwhile, or removed by another
+        """Report the doubts that remain open; other doubts were accepted, or removed by another
         pass.
         """
         if session is not self._working.session or session.book.doubts() != still:
@@ -359,7 +359,7 @@ class Daemon:
         self._write_live(lambda: _log.warning("survey-open", **facts))
 
     def _complete(self) -> None:
-        """Pass the finished survey to a child process, and prepare for the next one."""
+        """Pass the finished survey to a child process, and prepare for the next survey."""
         working = self._working
         whole = working.session
         working.finisher.finish(whole.folder)
@@ -370,8 +370,8 @@ class Daemon:
         working.shown = whole
 
     def _solved(self, folder: Path, solved: bool) -> None:
-        """Process the outcome of a survey: without a result the survey stays open, and continues
-        unless another has begun.
+        """Process the outcome of solving a survey. A survey without a result stays open, and
+        continues unless another survey has begun.
         """
         working = self._working
         self.status_source.news()
@@ -403,12 +403,12 @@ class Daemon:
             self._working.finisher.look_ahead(shown.folder, self.status_source.news)
 
     def _look_at_survey(self) -> None:
-        """Continue with a survey file that has further setups, and show the effect of another
-        change; examined between two passes.
+        """Examine the survey file between two passes: continue with further setups, and show the
+        effect of other changes.
         """
         working = self._working
         begun = working.shown is not working.session and working.session.book.passes
-        # a change before the first stop has no effect yet: it is examined again when there are
+        # before the first stop a change has no effect: the file is examined again when there are
         # stops
         looked = (_modified_ns(self._file), bool(working.shown.book.stops))
         if looked == self._looked or working.finisher.phase == "solving" or begun:
@@ -437,7 +437,7 @@ class Daemon:
         )
 
     def _go_on(self, text: str, begun: Round) -> None:
-        """Go on with a round by another survey file."""
+        """Continue a round with another survey file."""
         working = self._working
         self._text, self.survey = text, parse_survey(text, self._file.name)
         working.programs = self._programs(self.survey)
@@ -448,8 +448,8 @@ class Daemon:
         self.status_source.news()
 
     def _corrections(self, text: str) -> list[Change]:
-        """Return the corrections of the round shown by a survey file; None where the round is
-        solved, or the machine must be driven again.
+        """Return the changed lines that correct the shown round; empty if the round is solved, or
+        the machine must be driven again.
         """
         changed = compared(self._text, text) or []
         solved = (
@@ -458,8 +458,8 @@ class Daemon:
         return [] if solved or any(each.begins_round for each in changed) else changed
 
     async def _correct(self, name: str) -> None:
-        """Read the logs of the round by the changed survey file. Raises UsageError while a pass is
-        recorded, and where no line is changed.
+        """Read the logs of the round again with the changed survey file. Raises UsageError while a
+        pass is recorded, or if no line is changed.
         """
         working, text = self._working, read_text(self._file)
         changed = self._corrections(text)
@@ -494,7 +494,7 @@ class Daemon:
         self._complete_if_settled()
 
     def _look_at_begun(self) -> None:
-        """Begin the setup announced at a terminal."""
+        """Begin the setup that an operator announced at a terminal."""
         for word in self._begun.news():
             try:
                 self._working.session.begin(word.setup, now_ns())
@@ -512,7 +512,7 @@ class Daemon:
     # sent data
 
     def _recorder_changed(self, health: RecorderHealth) -> None:
-        """Record the recorder's state, in the recorder's thread."""
+        """Store the recorder's state; called in the recorder's thread."""
         self._loop.call_soon_threadsafe(self._recorder_is, health.state in ("idle", "dead"))
         fields = {
             "state": health.state,
@@ -530,8 +530,8 @@ class Daemon:
         self._working.finisher.recorder_is(idle=idle)
 
     async def _publish(self) -> None:
-        """Make a new snapshot, and examine the files beside the logs; doing so rarely disturbs the
-        arrival stamps less.
+        """Make a new snapshot, and examine the files beside the logs; the period is long so that
+        arrival stamps are disturbed less.
         """
         looked_s = 0.0
         while True:
@@ -569,8 +569,8 @@ class Daemon:
             then()
 
     def _announce(self, waits_for: str) -> None:
-        """Report the event that the daemon waits for: to systemd always, into the log where nothing
-        is being recorded.
+        """Report the event that the daemon waits for: to systemd always, and to the journal while
+        nothing is being recorded.
         """
         self._notifier.status(waits_for)
         if waits_for != self._announced and not self._working.session.recording:
@@ -579,7 +579,7 @@ class Daemon:
 
 
 def _modified_ns(file: Path) -> int:
-    """Return the time of the last change of a file; 0 where it does not exist."""
+    """Return the time of the last change of a file in ns; 0 if the file does not exist."""
     try:
         return file.stat().st_mtime_ns
     except OSError:
@@ -591,7 +591,7 @@ def _say_ended(ended: Ended) -> None:
 
 
 def _unwritten(health: RecorderHealth) -> DeviceError:
-    """Return the error for a disk that has not accepted the newest records."""
+    """Return the error about a disk that has not accepted the newest records."""
     remedy = message("make-room")
     found = message(
         "bytes-lost",

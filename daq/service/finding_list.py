@@ -1,5 +1,5 @@
-"""The findings of a survey for a person: one list for page and `status`, the same after a
-restart.
+"""The list of a survey's findings for page and `status`; a restart of the daemon does not change
+the list.
 """
 
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ from stepdiag.daq.passes.survey_time import clock_findings
 from stepdiag.daq.records.status import FindingStatus, State
 
 SHOWN = 50
-"""Number of past findings shown, the newest."""
+"""Number of newest past findings in the list."""
 
 
 def finding_list(
     book: PassBook, history: Sequence[Finding], now_s: float | None = None
 ) -> tuple[FindingStatus, ...]:
-    """Return the findings: first the past ones, then the accepted, then the open; ``now_s`` is the
-    time of day where it matters.
+    """Return the findings: first past, then accepted, then open findings. ``now_s`` is the time of
+    day for the finding about a wrong clock.
     """
     doubts, accepted = book.doubts(), book.accepted()
     settled = {_key(doubt) for doubt in (*doubts, *(doubt for doubt, _ in accepted))}

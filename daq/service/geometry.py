@@ -1,5 +1,5 @@
-"""The drawing of a survey: the volume's edges and axes, the ways of its setups and the route of the
-pass, in mm.
+"""The drawing of a survey in mm: the volume's edges and axes, the lines of the setups, and the
+route of the pass.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,9 @@ def geometry(
 def _box(
     volume: Volume,
 ) -> tuple[tuple[tuple[Point, Point], ...], tuple[tuple[str, Point], ...]]:
-    """Return the edges, those at the origin first, and the places of the axis names."""
+    """Return the edges of a volume, first the edges at the origin, and the places of the axis
+    names.
+    """
     corners = [_corner(volume, bits) for bits in range(8)]
     pairs = [(a, a | bit) for a, bit in product(range(8), (1, 2, 4)) if not a & bit]
     edges = tuple(

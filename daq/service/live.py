@@ -1,4 +1,4 @@
-"""The present state of the daemon and its links, beside its lock, for `status`: a small file,
+"""The present state of the daemon and its links for `status`: a small file beside the lock,
 rewritten every second.
 """
 
@@ -15,16 +15,16 @@ from stepdiag.daq.records.status import LinkStatus
 
 FILE = ".now.json"
 OLD_S = 10.0
-"""Time in s without a new file after which the daemon, or its disk, counts as standing still."""
+"""Age in s of the file above which the daemon, or the disk, counts as standing still."""
 AT_STOPS = ("waits-taking", "waits-move", "waits-machine")
-"""Messages of a daemon that waits for a stop of a setup."""
+"""Keys of the messages of a daemon that waits for a stop of a setup."""
 LARGEST_BYTES = 100_000
 """Size in bytes above which the file was not written by this program."""
 
 
 class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """The state of a daemon at a moment; ``time_s`` since 1970, ``conditions`` the newest values of
-    air and material from a sensor or the laser.
+    """The state of a daemon at the time ``time_s`` (seconds since 1970). ``conditions`` are the
+    newest values of air and material from a sensor or the laser.
     """
 
     time_s: float
@@ -47,7 +47,7 @@ class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def write_live(folder: Path, status: LiveStatus) -> None:
-    """Write the state, complete or not at all; the recording ignores a disk that refuses."""
+    """Write the state of the daemon, complete or not at all; a refusing disk is ignored."""
     part = folder / f"{FILE}.part"
     try:
         part.write_bytes(msgspec.json.encode(status))
@@ -57,16 +57,16 @@ def write_live(folder: Path, status: LiveStatus) -> None:
 
 
 def forget_live(folder: Path) -> None:
-    """Remove the file: the daemon ends. If the disk refuses, the file remains and is soon out of
-    date.
+    """Remove the file of the state, because the daemon ends. On a refusing disk the file remains
+    and is soon out of date.
     """
     with suppress(OSError):
         (folder / FILE).unlink(missing_ok=True)
 
 
 def live_in(folder: Path) -> LiveStatus | None:
-    """Return the last state of the daemon that records into a folder; None where the file is
-    missing, damaged or old.
+    """Return the last state of the daemon that records into a folder; None if the file is missing,
+    damaged or old.
     """
     if not (folder / FILE).is_file():
         return None

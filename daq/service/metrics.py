@@ -10,13 +10,13 @@ from stepdiag.base.messages import Words, message
 from stepdiag.daq.records.status import LinkStatus
 
 GB = 1e9
-"""Bytes in a gigabyte, by the makers of disks."""
+"""Bytes in a gigabyte, as makers of disks count."""
 
 
 @dataclass(slots=True)
 class Tally:
-    """Counts of the daemon since its start. ``fed_s`` is the monotonic time when every worker last
-    was alive.
+    """Counts of the daemon since its start. ``fed_s`` is the monotonic time in s at which every
+    worker was last found alive.
     """
 
     stops: int = 0
@@ -24,7 +24,7 @@ class Tally:
     samples_before: int = 0
     """Number of samples recorded in earlier surveys."""
     surveys: dict[int, int] = field(default_factory=Counter)
-    """Number of ends of the child of a finished survey, by exit code."""
+    """Number of finished child processes that solved a survey, by exit code."""
     solve_s: float | None = None
     """Duration of the last solution in s."""
     fed_s: float = field(default_factory=time.monotonic)
@@ -32,8 +32,9 @@ class Tally:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """One moment. ``links`` by name; ``disk_free_bytes`` on the disk of the logs;
-    ``watchdog_age_s`` since the last check that found every worker alive.
+    """The daemon's figures at a moment. ``links`` are by name. ``disk_free_bytes`` is the free
+    space on the disk of the logs. ``watchdog_age_s`` is the time since the last check that found
+    every worker alive.
     """
 
     tally: Tally
@@ -53,6 +54,8 @@ def disk_free_bytes(folder: Path) -> int:
 
 
 def words_on_disk(folder: Path, least_gb: float) -> Words:
-    """Return the finding of a disk with less space than this; empty if there is more."""
+    """Return the message about a disk with less free space than ``least_gb``; empty if there is
+    more.
+    """
     free_gb = disk_free_bytes(folder) / GB
     return message("disk-left", free_gb=free_gb) if free_gb < least_gb else ""

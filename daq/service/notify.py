@@ -1,5 +1,5 @@
-"""Notices to systemd (sd_notify(3)): ready, the daemon's work, and signs of life. Silent without a
-listener.
+"""Notices to systemd (sd_notify(3)): that the daemon is ready, its present work, and signs of
+life.
 """
 
 import os
@@ -15,8 +15,8 @@ class Notifier:
 
     @property
     def watchdog_s(self) -> float | None:
-        """Return the period in s of the signs of life for systemd (sd_watchdog_enabled(3)), or
-        None.
+        """Return the period in s in which systemd expects signs of life (sd_watchdog_enabled(3));
+        None without a watchdog.
         """
         wanted = os.environ.get("WATCHDOG_USEC", "")
         meant_for = os.environ.get("WATCHDOG_PID", str(os.getpid()))
@@ -29,17 +29,17 @@ class Notifier:
         self._send("READY=1")
 
     def status(self, text: str) -> None:
-        """Report the daemon's work in words; again only when it changes."""
+        """Report the daemon's present work in words; equal words are reported once."""
         if text != self._shown:
             self._shown = text
             self._send(f"STATUS={text}")
 
     def alive(self) -> None:
-        """Feed the watchdog. Call it only after every worker has given a sign of life."""
+        """Feed the watchdog; called only after every worker has given a sign of life."""
         self._send("WATCHDOG=1")
 
     def stopping(self) -> None:
-        """Report that the daemon is finishing."""
+        """Report that the daemon ends."""
         self._send("STOPPING=1")
 
     def _send(self, message: str) -> None:

@@ -1,5 +1,5 @@
-"""Low priority of a computing process relative to the recording process. Loads nothing: it must be
-called before numpy is.
+"""Low priority of a computing process relative to the recording process. The module imports nothing
+else, because it must act before numpy is loaded.
 """
 
 import os
@@ -14,12 +14,12 @@ all other work of a busy computer.
 
 
 def lower_priority() -> None:
-    """Give the recording process priority: another survey may be under way while this process
-    computes.
+    """Give the recording process priority over this process: another survey may be recorded while
+    this process computes.
 
     A kernel lets a computing thread finish its slice of a millisecond or more whatever process
     wakes up, so a low priority is not enough: one processor is left free. numpy's threads stay on
-    their first processors, so this call precedes its import.
+    their first processors, so this call precedes the import of numpy.
     """
     nice(GIVE_WAY)
     with suppress(OSError, AttributeError):

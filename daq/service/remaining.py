@@ -1,5 +1,5 @@
-"""The passes still to drive: their order, their first stop, and their time including the setting
-up.
+"""The passes that must still be driven: their order, their first stops, and their times with the
+setting up.
 """
 
 from collections.abc import Iterable, Mapping
@@ -18,7 +18,7 @@ from stepdiag.daq.records.status import DriveStatus
 from stepdiag.daq.survey.models import Survey
 
 PACE_STOPS = 10
-"""Number of stops from which the pace is computed."""
+"""Number of newest stops from which the machine's pace is computed."""
 LONGEST_SETTING_UP = 3.0
 SETTING_UP: Mapping[Kind, str] = {
     "step": "diagonal_setup_min",
@@ -28,8 +28,8 @@ SETTING_UP: Mapping[Kind, str] = {
     "fourdof": "fourdof_setup_min",
 }
 LONGEST_DWELL = 20.0
-"""A stop that took longer than planned by this factor was an interruption and does not count for
-the pace.
+"""Factor to the planned time above which the time of a stop contains an interruption and does not
+count for the pace.
 """
 
 
@@ -37,10 +37,10 @@ def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveSt
     """Return the open passes of the plan, in the order of driving; empty if every pass is complete
     and free of doubts.
 
-    A pass counts from the stop where it continues. Its minutes are those of its stops at the
-    measured pace, and at the planned pace until a pass is measured. The first pass of a setup
-    that is not set up yet includes the setting up, with the time of earlier ones. ``running``
-    is the setup that the machine drives now.
+    A begun pass counts from the stop where it continues. The minutes of a pass are computed with
+    the measured pace, or with the planned pace until a pass is measured. The first pass of a setup
+    that is not set up yet includes the setting up, with the time measured on earlier setups.
+    ``running`` is the setup that the machine drives now.
     """
     plan = survey.plan
     standing = book.last.setup if book.last is not None else ""
@@ -62,10 +62,11 @@ def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveSt
 
 
 def own_minutes(survey: Survey, stops: Iterable[CapturedStop]) -> Plan:
-    """Return the plan with the minutes of setting up measured in a survey, by kind: from the last
-    stop before a setup to its first stop.
+    """Return the plan with the minutes of setting up that were measured in a survey, by kind of
+    setup: from the last stop before a setup to the setup's first stop.
 
-    A time longer than planned by the factor `LONGEST_SETTING_UP` was an interruption.
+    A time longer than planned by the factor `LONGEST_SETTING_UP` was an interruption and is left
+    out.
     """
     plan, found = survey.planned, dict[str, list[float]]()
     for before, first in pairwise(sorted(stops, key=lambda stop: stop.time_s)):
@@ -85,8 +86,8 @@ def own_minutes(survey: Survey, stops: Iterable[CapturedStop]) -> Plan:
 def _drive(
     survey: Survey, book: PassBook, setup: str, number: int, *, running: bool
 ) -> DriveStatus:
-    """Return an open pass without its minutes; a running pass continues at its place, and may still
-    become whole.
+    """Return an open pass, without minutes. A running pass continues at its present stop, and may
+    still become complete.
     """
     stops = len(route_of(survey.planned, setup, number))
     begun = next((each for each in book.of(setup) if each.number == number), None)
@@ -107,7 +108,7 @@ def _drive(
 
 
 def _following(begun: Pass) -> int | None:
-    """Return the stop after the measured stops; None if an earlier stop of the pass is missing."""
+    """Return the stop after the measured stops of a pass; None if an earlier stop is missing."""
     last = max(begun.measured, default=-1)
     return None if begun.missing and begun.missing[0] <= last else last + 1
 
@@ -134,8 +135,8 @@ def _pace(plan: Plan, book: PassBook, setup: str) -> tuple[float, float]:
 
 @lru_cache(maxsize=256)
 def _times(plan: Plan, setup: str) -> tuple[float, float]:
-    """Return the seconds from stop to stop, and the seconds of setting up, as the planner counts
-    them.
+    """Return the seconds from stop to stop, and the seconds of setting up, by the rules of the
+    planner.
     """
     run = plan.run_of(setup)
     setting_up = setup_minutes(plan, run)
@@ -145,7 +146,9 @@ def _times(plan: Plan, setup: str) -> tuple[float, float]:
 
 
 def _measured_pace_s(book: PassBook) -> float | None:
-    """Return the time from stop to stop of the newest pass; None before its third stop."""
+    """Return the time in s from stop to stop in the newest pass; None before the third stop of this
+    pass.
+    """
     if book.driven is None:
         return None
     times = sorted(stop.time_s for stop in book.driven.chosen().values())[-PACE_STOPS:]

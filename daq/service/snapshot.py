@@ -1,5 +1,6 @@
-"""The session and the links as one immutable snapshot, for the page, ``stepdiag status`` and
-systemd."""
+"""The state of session and links as one immutable snapshot, for the page, ``stepdiag status`` and
+systemd.
+"""
 
 import math
 import time
@@ -33,8 +34,8 @@ def snapshot(
     waits_in_vain: bool = False,
     notice: Words = "",
 ) -> Snapshot:
-    """Return the state of the daemon at this moment; ``links`` are laser, machine, 4-DOF head and
-    sensor of air.
+    """Return the present state of the daemon; ``links`` are the states of laser, machine, 4-DOF
+    head and sensor of air.
     """
     laser, plc, head, air = links
     survey, signals = session.survey, session.signals or Signals()
@@ -112,8 +113,8 @@ def _expected_pass(session: Session, setup: str) -> int:
 
 
 def expected_stop(session: Session) -> tuple[str, int, int, str]:
-    """Return the awaited setup, its next stop, the stops of a pass, and the axis that moves to the
-    next stop.
+    """Return the awaited setup, the next stop, the number of stops of the pass, and the axis that
+    moves to the next stop.
     """
     walk = session.capture.walk if session.capture is not None else None
     if walk is not None and not walk.ended:
@@ -132,8 +133,8 @@ def expected_stop(session: Session) -> tuple[str, int, int, str]:
 def setup_statuses(
     survey: Survey, book: PassBook, drives: Sequence[DriveStatus], running: str = ""
 ) -> tuple[SetupStatus, ...]:
-    """Return the progress of each setup of the plan, from its passes still to drive, and the reason
-    to repeat a pass.
+    """Return the progress of each setup of the plan, with the reason to repeat a pass; ``drives``
+    are the passes that must still be driven.
     """
     names = survey.plan.all_setups
     return tuple(
@@ -181,7 +182,7 @@ def _setup_status(
 
 
 def _counts_to(session: Session, lost: bool) -> int | None:
-    """Return the last stop of the running pass before its count was lost; None while the count is
+    """Return the last stop of the running pass before the count was lost; None while the count is
     unbroken, and before the first stop.
     """
     walk, driven = (

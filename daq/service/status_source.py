@@ -1,5 +1,5 @@
-"""The daemon's side of the page's interface (`daq.records.status.StatusSource`): its state, and the
-operator's commands.
+"""The daemon's side of the page's interface (`daq.records.status.StatusSource`): the state of the
+daemon, and the operator's commands.
 """
 
 import asyncio
@@ -28,8 +28,8 @@ from stepdiag.daq.timing.host_clock import now_ns
 
 _ARGUMENTS = ("setup", "operator", "workpiece", "place", "reason", "name")
 LONGEST_NAME = 200
-"""Largest number of characters of an argument: names and reasons are in one line of the page and
-the log.
+"""Largest number of characters of an argument of a command: a name or a reason stands in one line
+of page and log.
 """
 _log = structlog.get_logger("daemon")
 
@@ -44,8 +44,8 @@ async def _nothing_to_correct(_name: str) -> None:
 
 @dataclass(slots=True, kw_only=True)
 class Working:
-    """The parts of the running daemon. ``session`` records; ``shown`` is the survey on the page:
-    the finished survey until the next begins.
+    """The parts of the running daemon. ``session`` records; ``shown`` is the session whose survey
+    the page shows: the finished survey, until the next survey begins.
     """
 
     session: Session
@@ -57,15 +57,17 @@ class Working:
     tally: Tally
     programs: Mapping[str, str] = field(default_factory=dict)
     alarms: Callable[[], Sequence[Words]] = tuple
-    """The urgent alarms, in words."""
+    """Returns the urgent alarms, in words."""
     corrects: tuple[str, ...] = ()
-    """The lines of the survey file changed since its reading, if the driven passes remain valid."""
+    """The lines of the survey file changed since the daemon read the file, if the driven passes
+    remain valid.
+    """
     correct: Callable[[str], Awaitable[None]] = _nothing_to_correct
     """Reads the logs with the changed file, on behalf of a person. Raises UsageError where this is
     impossible now.
     """
     waits_in_vain: Callable[[], bool] = bool
-    """Whether the machine waits too long for the handshake."""
+    """Returns whether the machine waits too long for the handshake."""
     paused: bool = False
 
 
@@ -80,16 +82,16 @@ class DaemonStatusSource:
         self._sequence = self._published = 0
 
     def open(self, working: Working) -> None:
-        """Begin to answer: the daemon is ready."""
+        """Begin to answer the page, because the daemon is ready."""
         self._working = working
 
     def news(self) -> None:
-        """Record that something has changed."""
+        """Record that the state of the daemon has changed."""
         self._sequence += 1
 
     @property
     def has_news(self) -> bool:
-        """Return whether there was a change since the last tick."""
+        """Return whether the state has changed since the last tick."""
         return self._sequence != self._published
 
     async def publish(self) -> None:
@@ -193,16 +195,18 @@ class DaemonStatusSource:
         )
 
     async def changed(self, sequence: int) -> None:
-        """Return when the snapshot's sequence has changed."""
+        """Return as soon as the number of the snapshot differs from ``sequence``."""
         async with self._changed:
             await self._changed.wait_for(lambda: self._sequence != sequence)
 
     def result_file(self) -> Path | None:
-        """Return result.json of the survey shown; None before its completion."""
+        """Return the path of result.json of the shown survey; None before the survey is
+        complete.
+        """
         return self._at_work.finisher.result
 
     def folder(self) -> Path:
-        """Return the folder of the survey shown."""
+        """Return the folder of the shown survey."""
         return self._at_work.shown.folder
 
     def token_guessed(self, address: str, count: int) -> None:
@@ -220,8 +224,8 @@ class DaemonStatusSource:
         await asyncio.to_thread(accept, doubts, session.folder, time_s=time.time(), **given)
 
     def _certify(self, finisher: Finisher) -> None:
-        """Begin to write the certificate of the survey shown. Raises UsageError where the survey
-        has no result.
+        """Begin to write the certificate of the shown survey. Raises UsageError if the survey has
+        no result.
         """
         if finisher.result is None:
             raise UsageError(
@@ -232,7 +236,7 @@ class DaemonStatusSource:
         finisher.certify(finisher.result.parent, self.news)
 
     def _take(self, working: Working) -> None:
-        """Have the further setup put into the survey. Raises UsageError where there is no further
+        """Begin to add the further setup to the survey. Raises UsageError if there is no further
         setup, or a pass is being recorded.
         """
         session = working.session
@@ -245,8 +249,8 @@ class DaemonStatusSource:
         working.finisher.take(self.news)
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
-        """Execute a request of a person with the token. Raises UsageError where the present state
-        does not allow it.
+        """Execute a request of a person with the token. Raises UsageError if the present state does
+        not allow the request.
         """
         _log.info("command", name=name, **_logged(arguments))
         working = self._at_work
@@ -293,8 +297,8 @@ def _logged(arguments: Mapping[str, str]) -> dict[str, str]:
 
 
 def found_now(session: Session) -> Message:
-    """Return the obstacle to a command between two passes: the pass being recorded, or nothing to
-    do.
+    """Return the reason why a command between two passes is refused: a pass is being recorded, or
+    there is nothing to do.
     """
     return (
         message("found-being-recorded", name=session.book.next_setup())
@@ -304,7 +308,7 @@ def found_now(session: Session) -> Message:
 
 
 def _start(working: Working) -> None:
-    """Go on after a pause, or begin the next setup of a machine without signals. Raises the
+    """Continue after a pause, or begin the next setup of a machine without signals. Raises the
     UsageError of `Session.begin`.
     """
     if not working.paused and working.session.survey.plc.silent:
@@ -363,7 +367,7 @@ def _of_service(working: Working) -> Words:
 
 
 def _refused(recorder: Recorder) -> Words:
-    """Return the message of a refusing disk; empty otherwise."""
+    """Return the message about a disk that refuses data; empty otherwise."""
     health = recorder.health
     return message("disk-refuses", why=health.reason) if health.state == "blocked" else ""
 
@@ -380,8 +384,8 @@ def _planned(session: Session, setup: str) -> str:
 
 
 def _one_line(name: str, text: str) -> str:
-    """Return a text in a form that stays on one line of a report. Raises UsageError for a text that
-    does not.
+    """Return a text that fits on one line of a report. Raises UsageError for a text that is too
+    long or has control characters.
     """
     if len(text) > LONGEST_NAME or not (text.isprintable() or not text):
         raise UsageError(

@@ -13,20 +13,18 @@ from stepdiag.daq.service.notify import Notifier
 from stepdiag.daq.timing.host_clock import ClockWatch
 
 LOOK_S = 1.0
-"""Period of the checks in s, shorter if systemd's watchdog needs it."""
+"""Longest period of the checks in s; systemd's watchdog may need a shorter one."""
 STOOD_S = 2.0
-"""Additional time in s between two checks which shows that this process, or the whole computer,
-stood still.
-"""
+"""Delay in s of a check which shows that this process, or the whole computer, stood still."""
 _log = structlog.get_logger("daemon")
 
 
 class Supervisor:
     """Feeds the watchdog while no worker is dead.
 
-    ``dead`` returns the dead workers, each with the known reason of its end; ``remark`` writes a
-    line for a person into the open log. ``require_folder`` raises DeviceError if the survey's
-    folder is missing.
+    ``dead`` returns the names of dead workers, with the reason of the end if known; ``remark``
+    writes a line for a person into the open log. ``require_folder`` raises DeviceError if the
+    survey's folder is missing.
     """
 
     def __init__(
@@ -48,11 +46,11 @@ class Supervisor:
         self._min_free_gb = min_free_gb
         self._clocks = ClockWatch()
         self.disk: Words = ""
-        """The finding of the disk; empty while there is space."""
+        """The message about a nearly full disk; empty while there is space."""
 
     async def watch(self) -> None:
-        """Look again and again. Raises RuntimeError where a worker is dead, DeviceError where the
-        survey's folder is missing.
+        """Check without end. Raises RuntimeError if a worker is dead, DeviceError if the survey's
+        folder is missing.
         """
         interval_s = min(LOOK_S, (self._notifier.watchdog_s or 2 * LOOK_S) / 2)
         while True:
@@ -78,8 +76,8 @@ class Supervisor:
         self.disk = words
 
     def _look_at_clocks(self, interval_s: float) -> None:
-        """Report the state of the clock and of the computer behind the time stamps; the open log
-        stores the report too.
+        """Report a clock that was set, a sleep of the computer, and a process that stood still; the
+        open log stores the report too.
         """
         look = self._clocks.look()
         if look.set_by_s:

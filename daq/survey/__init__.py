@@ -1,5 +1,5 @@
-"""The survey file: the text of a person, checked.
+"""The survey file: reading and checking of a person's text.
 
-In: In: TOML and the files that it names. Out: a `Survey`, or the name of the wrong field. Imported
-by every room above; opens no port.
+In: TOML and the files that the TOML names. Out: a `Survey`, or the name of the wrong field.
+Imported by every room above; opens no port.
 """

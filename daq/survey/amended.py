@@ -1,4 +1,4 @@
-"""A survey file with another plan: the operator's own text around the plan stays unchanged."""
+"""Puts another plan into a survey file; the operator's text around the plan stays unchanged."""
 
 import json
 import re
@@ -24,8 +24,8 @@ def with_plan(text: str, plan: Plan, source: str, increments: int | None = None)
     """Return a survey file in which ``[plan]`` has these setups, repeats, return passes, dwell and
     shifts, and ``[volume]`` has the given ``increments``, if any; the rest is unchanged.
 
-    Raises UsageError if the survey cannot hold such a plan (a run of a head that it lacks), or
-    writes its plan in another form.
+    Raises UsageError if the survey cannot hold this plan (it lacks the head of a run), or states
+    its plan in another form.
     """
     lines = text.splitlines(keepends=True)
     if lines and not lines[-1].endswith("\n"):
@@ -64,8 +64,8 @@ def with_plan(text: str, plan: Plan, source: str, increments: int | None = None)
 
 
 def extends(text: str, recorded: str) -> bool:
-    """Return whether a survey file equals that of a log, possibly with further setups: the log's
-    setups are driven and coded as before.
+    """Return whether the survey file ``text`` equals the file ``recorded`` in a log, except for
+    further setups that change neither drive nor codes of the log's setups.
     """
     if text == recorded:
         return True
@@ -77,8 +77,8 @@ def extends(text: str, recorded: str) -> bool:
 
 
 def without_further(new: Survey, old: Survey) -> Survey:
-    """Return a survey without its further setups, if it drives and codes the setups of an old
-    survey as before; else unchanged.
+    """Return the survey ``new`` without its further setups if drive and codes of the setups in
+    ``old`` are the same; else ``new`` unchanged.
     """
     names, before = new.plan.all_setups, old.plan.all_setups
     plan = msgspec.structs.replace(
@@ -102,11 +102,11 @@ def as_proof(
     day: date,
     proof: Proof,
 ) -> str:
-    """Return the survey file of a proof run: named ``name``, with this ``plan`` and the files that
-    were loaded on a ``day`` as ``active``.
+    """Return the survey file of a proof run with this ``name`` and ``plan``; ``active`` are the
+    files loaded into the control on the ``day``.
 
     The instruments stay unchanged; exports, angles and the 4-DOF head are left out. No next setup
-    is proposed: a proof run ends with its verdict. Raises as `with_plan`.
+    is proposed: a proof run ends with its verdict. Raises the errors of `with_plan`.
     """
     settings: dict[str, Mapping[str, object]] = {
         "[survey]": {"name": name},
@@ -142,8 +142,8 @@ def as_proof(
 
 
 def _stated(block: Sequence[str], values: Mapping[str, object]) -> list[str]:
-    """Return a section with the values below its header, in place of its earlier statements about
-    them.
+    """Return a section with these values below its header, without its earlier lines for the same
+    fields.
     """
     kept, inside = list[str](), False
     for line in block:
@@ -162,7 +162,7 @@ def _stated(block: Sequence[str], values: Mapping[str, object]) -> list[str]:
 
 
 def _blocks(lines: Sequence[str]) -> list[list[str]]:
-    """Cut a file before every header of a section."""
+    """Return the lines of a file in blocks; each section header begins a block."""
     blocks: list[list[str]] = [[]]
     for line in lines:
         if HEADER.match(line) and blocks[-1]:
@@ -172,8 +172,8 @@ def _blocks(lines: Sequence[str]) -> list[list[str]]:
 
 
 def _finer(block: Sequence[str], increments: int | None) -> list[str]:
-    """Return a section unchanged, but ``[volume]`` with the given increments, if any; a remark
-    after the number stays.
+    """Return a section; in ``[volume]`` the number of increments is replaced, if one is given. A
+    remark after the number stays.
     """
     if increments is None or block[0].strip() != VOLUME:
         return list(block)
@@ -183,8 +183,8 @@ def _finer(block: Sequence[str], increments: int | None) -> list[str]:
 
 
 def _amended(block: Sequence[str], plan: Plan) -> list[str]:
-    """Return the section with new settings in place of the old, added settings directly below the
-    header, shifted beams at its end.
+    """Return the section of the plan with changed settings in their old lines, added settings below
+    the header, and shifted beams at the end.
     """
     settings, made, inside = _settings(plan), list[str](), False
     for line in block:
@@ -211,7 +211,7 @@ def _amended(block: Sequence[str], plan: Plan) -> list[str]:
 
 
 def _after_settings(block: Sequence[str]) -> list[str]:
-    """Return the lines after the last setting of a section: remarks and empty lines."""
+    """Return the remarks and empty lines after the last setting of a section."""
     settings = [
         index
         for index, line in enumerate(block)

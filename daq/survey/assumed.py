@@ -15,7 +15,7 @@ from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.daq.survey.models import Environment, Survey, Tolerance, Uncertainty
 
 VACUUM_WAVELENGTH_NM = 633.0
-"""The index's uncertainty hardly depends on this value."""
+"""Wavelength in nm for the uncertainty of the refractive index, which hardly depends on it."""
 
 
 def assumptions_of(survey: Survey) -> Assumptions:
@@ -33,8 +33,8 @@ def assumptions_of(survey: Survey) -> Assumptions:
 
 
 def parse_uncertainty(text: str, source: str) -> Assumptions:
-    """Return the assumptions of a TOML text under ``[uncertainty]``, as in a survey file; the
-    others are the usual ones.
+    """Return the assumptions of a TOML text under ``[uncertainty]``, as in a survey file; unstated
+    assumptions have usual values.
 
     Raises UsageError for unknown names and impossible values.
     """
@@ -57,8 +57,8 @@ def parse_tolerance(text: str, source: str) -> dict[str, float]:
 
 
 def _index(section: Uncertainty, environment: Environment) -> float:
-    """Return the relative standard uncertainty of index and wavelength: from the certificates if
-    stated, else as assumed.
+    """Return the relative standard uncertainty of refractive index and wavelength, from
+    certificates if stated, else as assumed.
     """
     sensors = AirUncertainty(
         temperature_c=section.u_air_temperature_c,
@@ -90,7 +90,7 @@ def _stated(section: Uncertainty, environment: Environment) -> Assumptions:
         index=_index(section, environment),
         index_setup=1e-6 * section.index_setup_ppm,
         u_material_c=section.u_material_c,
-        # every template has the usual value, which is no statement
+        # the template contains the usual value, so this value states nothing
         material_stated=section.u_material_c != Assumptions().u_material_c,
         u_expansion_um_m_c=section.u_expansion_um_m_c,
         alignment_mrad=section.alignment_mrad,
@@ -99,8 +99,8 @@ def _stated(section: Uncertainty, environment: Environment) -> Assumptions:
 
 
 def _sizes(section: Uncertainty) -> dict[str, Any]:
-    """Return the machine's sizes by their names in `Assumptions`: as stated in the section, else as
-    usual for its class.
+    """Return the sizes of the machine's errors by their names in `Assumptions`: stated in the
+    section, or usual for the machine's class.
     """
     stated = msgspec.structs.asdict(section)
     usual = usual_sizes(section.machine_class, section.feedback)

@@ -1,7 +1,8 @@
 """The files that a survey names, stored with its logs: profiles, the tables that profiles name,
 angles, the head's calibration.
 
-A replay must not depend on files that have changed since; so the log contains them unchanged.
+A replay must not depend on files that were changed after the recording, so the log contains these
+files.
 """
 
 import base64
@@ -17,16 +18,16 @@ from stepdiag.base.settings import read_toml
 from stepdiag.daq.survey.models import Survey
 
 PREFIX = "file:"
-"""Marks a file among the entries of a log's ``stepdiag.run``."""
+"""Prefix of the entries for files in a log's ``stepdiag.run``."""
 MAX_BUNDLE_BYTES = 32_000_000
-"""Largest size of all files together: in base64 they must fit into one record of a log
-(`daq.log.reader`).
+"""Largest size in bytes of all files together: in base64 the files must fit into one record of a
+log (`daq.log.reader`).
 """
 
 
 def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
-    """Return the files named by a survey, by the survey's names; tables named by a profile as
-    ``profile//table``.
+    """Return the files that a survey names, by these names; a table that a profile names has the
+    name ``profile//table``.
 
     Raises UsageError for a file that is unreadable or too large.
     """
@@ -57,7 +58,7 @@ def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
 
 
 def tables_for(bundle: Mapping[str, bytes], profile: str) -> dict[str, bytes]:
-    """Return the table files of a profile by the names that the profile uses."""
+    """Return the tables of a profile, by their names in the profile."""
     prefix = f"{profile}//"
     return {
         name.removeprefix(prefix): data
@@ -67,8 +68,8 @@ def tables_for(bundle: Mapping[str, bytes], profile: str) -> dict[str, bytes]:
 
 
 def compensation_of(survey: Survey, bundle: Mapping[str, bytes]) -> Statement:
-    """Return the survey's statement about the compensation while measuring, with the hashes of the
-    files in its ``bundle``.
+    """Return the survey's statement about the compensation during the measurement, with the hashes
+    of the active files in ``bundle``.
 
     Raises DataError for a bundle without a file that the survey names.
     """
@@ -94,8 +95,8 @@ def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
-    """Return ``compensation-unanswered`` where the survey does not state the active compensation of
-    the control.
+    """Return the finding ``compensation-unanswered`` if the survey does not state the active
+    compensation of the control.
     """
     if survey.machine.compensation in ("off", "on"):
         return ()
@@ -112,14 +113,14 @@ def bundle_to_run(bundle: Mapping[str, bytes]) -> dict[str, str]:
 
 
 def bundle_from_run(run: Mapping[str, str], source: str) -> dict[str, bytes]:
-    """Return the bundle from a log's metadata. Raises DataError where an entry is damaged."""
+    """Return the bundle from a log's metadata. Raises DataError if an entry is damaged."""
     try:
         found = {
             key.removeprefix(PREFIX): base64.b64decode(text, validate=True)
             for key, text in run.items()
             if key.startswith(PREFIX)
         }
-    except ValueError as error:  # binascii.Error, or letters that base64 has not
+    except ValueError as error:  # binascii.Error, or characters outside base64
         raise DataError(
             source, expected=message("survey-s-files-base64"), found=str(error)
         ) from error
@@ -134,8 +135,8 @@ def bundle_from_run(run: Mapping[str, str], source: str) -> dict[str, bytes]:
 
 
 def _tables_of(profile: bytes) -> list[str]:
-    """Return the table files named by a profile; a profile that is not TOML is refused later, with
-    its line.
+    """Return the names of the tables in a profile. A profile that is not TOML gives none here; a
+    later check refuses it with the wrong line.
     """
     try:
         machine = read_toml(as_text(profile, "profile", UsageError), "profile").get(
@@ -150,7 +151,7 @@ def _tables_of(profile: bytes) -> list[str]:
 
 
 def _refuse_too_much(bundle: Mapping[str, bytes], source: str) -> None:
-    """Refuse a bundle that would make an unreadable log."""
+    """Raise UsageError for a bundle too large for a readable log."""
     size = sum(map(len, bundle.values()))
     if size > MAX_BUNDLE_BYTES:
         raise UsageError(

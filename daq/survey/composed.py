@@ -1,4 +1,4 @@
-"""The template with the answers for a first survey, as if typed; the rest with its remarks
+"""The template of the survey file, filled with the answers for a first survey; all other lines stay
 unchanged.
 """
 
@@ -13,7 +13,7 @@ from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.template import template
 
 OWN_AIR = ("ids3010", "lasertex")
-"""Lasers that have their own sensors."""
+"""Formats of lasers with their own sensors of air and material."""
 _BAUDS = {"lasertex": 3_000_000}
 _WITHOUT_AIR = ("siemens-828d", "siemens-840dsl", "heidenhain", "none")
 _ADVISED = (
@@ -22,9 +22,9 @@ _ADVISED = (
     "targets = 40",
 )
 LEAST, USUAL, MOST = 8, 10, 20
-"""Numbers of increments that a new survey may have."""
+"""Least, usual and largest number of increments in a new survey."""
 _ROUNDING_MM = 1e-6
-"""Rounding of a quotient of lengths, not a deviation from whole micrometres."""
+"""Difference in mm from whole micrometres that comes from rounding."""
 _SILENT = 'transport = "none"\n'
 
 
@@ -49,8 +49,8 @@ class MachineClass:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answers:
-    """A first survey: ``control`` is one of `CONTROLS` or "none"; ``tcp_port`` 0 means the usual
-    port of its protocol.
+    """The answers for a first survey: ``control`` is one of `CONTROLS` or "none"; ``tcp_port`` 0
+    means the usual port of the control's protocol.
     """
 
     name: str
@@ -70,7 +70,9 @@ class Answers:
 
 
 def composed(answers: Answers, source: str) -> str:
-    """Return the survey file. Raises UsageError, like the reader, for an impossible answer."""
+    """Return the text of the survey file. Raises the reader's UsageError for an impossible
+    answer.
+    """
     text = _advised()
     for section, key, value in _settings(answers):
         text = _set(text, section, key, value)
@@ -82,8 +84,8 @@ def composed(answers: Answers, source: str) -> str:
 
 
 def begun(usual: MachineClass, source: str) -> str:
-    """Return the template with a class of machine. Raises UsageError, like the reader, for an
-    impossible value.
+    """Return the template with a class of machine. Raises the reader's UsageError for an impossible
+    value.
     """
     text = _advised()
     for section, key, value in usual.settings():
@@ -93,8 +95,8 @@ def begun(usual: MachineClass, source: str) -> str:
 
 
 def _advised() -> str:
-    """Return the template with the settings recommended for a new survey: other orders of axes for
-    repeats, and separate targets for linear runs, which show the waves of a screw.
+    """Return the template with the settings recommended for a new survey: another order of axes for
+    each repeat, and separate targets of linear runs, which show the waves of a screw.
     """
     text = template()
     for line in _ADVISED:
@@ -103,10 +105,10 @@ def _advised() -> str:
 
 
 def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
-    """Return the number of increments whose steps are whole micrometres, as a program states them,
-    and that do not coincide with the pitch of a screw. If there is no such number, return the one
-    with the fewest coincidences, whole turns before half turns. Of several such numbers, the one
-    nearest to `USUAL` is used.
+    """Return a number of increments whose steps are whole micrometres, as NC programs state steps,
+    and are not in step with the pitch of a screw (`in_step`). If there is no such number, the
+    number with the fewest axes in step is returned; whole turns are worse than half turns. Of
+    several such numbers, the one nearest to `USUAL` is returned.
     """
     size = list(size_mm)
     whole = [
@@ -117,7 +119,7 @@ def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
 
     def unfit(n: int) -> tuple[bool, int, int, int, int]:
         steps = [edge_mm / n for edge_mm in size]
-        # of twice the pitch, half is a turn
+        # half of twice the pitch is a turn
         turns = sum(in_step(step_mm, 2.0 * pitch_mm) for step_mm in steps)
         half_turns = sum(in_step(step_mm, pitch_mm) for step_mm in steps)
         return half_turns > 0, turns, half_turns, abs(n - USUAL), -n
@@ -127,7 +129,7 @@ def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
 
 def plc_section(control: str, host: str, tcp_port: int) -> str:
     """Return the text below ``[plc]`` for a control at a host; ``tcp_port`` 0 means the usual port
-    of its protocol.
+    of the control's protocol.
     """
     section = control_section(control, host)
     line = f"host = {_quoted(host)}\n"

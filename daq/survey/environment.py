@@ -1,17 +1,17 @@
-"""Conditions that a person states after a survey: they replace the recorded ones."""
+"""Conditions that a person states after a survey; they replace recorded conditions."""
 
 from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.daq.survey.models import Environment
 
 AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
-"""The quantities behind the refractive index."""
+"""The quantities on which the refractive index of the air depends."""
 NAMES = (*AIR, "material_temperature_c")
 
 
 def parse_environment(text: str, source: str) -> dict[str, float]:
-    """Return the conditions of a TOML text by name: under ``[environment]``, as in a survey file,
-    or alone.
+    """Return the conditions in a TOML text by name, with the header ``[environment]`` of a survey
+    file or without a header.
 
     A condition that the text does not name stays as recorded. Raises UsageError for unknown names,
     impossible values, or an empty text.

@@ -33,9 +33,8 @@ __all__ = [
 def load_survey(path: Path) -> Survey:
     """Return the survey of a file.
 
-    Raises UsageError when the file is unreadable, is not TOML in UTF-8, breaks a rule, or names a
-    file that does not exist. Raises DataError for the calibration of another head, before the
-    survey begins.
+    Raises UsageError if the file is unreadable, is not TOML in UTF-8, breaks a rule, or names a
+    missing file. Raises DataError if the calibration file belongs to another head.
     """
     survey = parse_survey(read_text(path), str(path.name))
     if survey.page.token:
@@ -71,7 +70,7 @@ def parse_survey(text: str, source: str) -> Survey:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a survey file, byte for byte as it goes into the log."""
+    """Return the unchanged text of a survey file, as the log stores it."""
     remedy = message("init-writes-one")
     data = read_bytes(
         path,

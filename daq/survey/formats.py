@@ -1,4 +1,4 @@
-"""From the survey file to the decoders of its streams."""
+"""From the survey file to the decoders of the survey's streams."""
 
 from typing import Any
 
@@ -34,13 +34,13 @@ from stepdiag.daq.survey.models import (
 from stepdiag.daq.timing.samples import CountingDecoder, Decoder
 
 LASER_TELLS = {"ids3010": AIR, "lasertex": NAMES}
-"""The quantities of a laser's own sensors: the IDS3010's environmental unit, Lasertex' wireless
-sensors.
+"""The quantities that a laser's own sensors measure: the environmental unit of an IDS3010, the
+wireless sensors of a Lasertex.
 """
 
 
 def laser_decoder(survey: Survey) -> Decoder:
-    """Return a fresh decoder of the laser's stream."""
+    """Return a new decoder of the laser's stream."""
     return make_decoder(
         survey.laser.format,
         laser_settings(survey.laser, air=survey.environment.source == "laser"),
@@ -49,29 +49,30 @@ def laser_decoder(survey: Survey) -> Decoder:
 
 def repeats_after(survey: Survey) -> float:
     """Return the number of values of the laser's own sample number before it repeats; 0 for a laser
-    without one.
+    without such a number.
     """
     decoder = laser_decoder(survey)
     return decoder.repeats_after if isinstance(decoder, CountingDecoder) else 0.0
 
 
 def head_decoder(survey: Survey) -> Decoder:
-    """Return a fresh decoder of the 4-DOF head's stream; the survey has a head."""
+    """Return a new decoder of the 4-DOF head's stream, for a survey with a head."""
     if survey.head is None:
         raise ValueError("a survey without [head] has no stream of a head")
     return make_decoder(survey.head.format, head_settings(survey.head))
 
 
 def air_decoder(survey: Survey) -> Decoder:
-    """Return a fresh decoder of the stream of the sensor of air and material; the survey has
-    one."""
+    """Return a new decoder of the stream of the sensor of air and material, for a survey with a
+    sensor.
+    """
     if survey.air_sensor is None:
         raise ValueError("a survey without [environment.sensor] has no stream of one")
     return make_decoder(survey.air_sensor.format, air_settings(survey.air_sensor))
 
 
 def decoders(survey: Survey) -> dict[Stream, Decoder]:
-    """Return a fresh decoder of every stream that the survey has, the laser's first."""
+    """Return a new decoder of every stream of the survey, the laser's stream first."""
     found: dict[Stream, Decoder] = {"laser": laser_decoder(survey)}
     if survey.head is not None:
         found["head"] = head_decoder(survey)
@@ -81,8 +82,8 @@ def decoders(survey: Survey) -> dict[Stream, Decoder]:
 
 
 def laser_settings(laser: Laser, *, air: bool = False) -> FormatSettings:
-    """Return the settings of the laser's format; the presence of its table has been checked.
-    ``air``: the air is read too.
+    """Return the settings of the laser's format; the section of the format must exist. ``air``: the
+    air is read too.
     """
     common: dict[str, Any] = {"sign": laser.sign, "latency_s": laser.latency_s}
     if laser.format == "ids3010":
@@ -163,8 +164,8 @@ def head_settings(head: Head) -> FormatSettings:
 
 
 def promised(survey: Survey) -> tuple[str, ...]:
-    """Return the conditions that the survey takes from a sensor or the laser: by the sensor's
-    pattern, or by the kind of the laser, except for conditions from the machine.
+    """Return the conditions that the survey takes from a sensor or the laser: the quantities in the
+    sensor's pattern, or those of the kind of laser, without conditions from the machine.
     """
     if survey.air_sensor is not None:
         return quantities_in(air_pattern(survey.air_sensor))
@@ -183,8 +184,8 @@ def air_pattern(sensor: AirSensor) -> str:
 
 
 def air_settings(sensor: AirSensor) -> AirSettings:
-    """Return the way of reading the sensor of air and material: a PTU300 in its factory setting
-    answers requests.
+    """Return the settings of the sensor of air and material; by default of a PTU300, which answers
+    requests in its factory setting.
     """
     return AirSettings(
         pattern=air_pattern(sensor),
@@ -198,8 +199,8 @@ def air_settings(sensor: AirSensor) -> AirSettings:
 
 
 def _angles(head: Head) -> AnglesSettings:
-    """Return the way of reading an autocollimator or a level: an Elcomat sends a stream, a level
-    answers requests.
+    """Return the settings of an autocollimator, which sends a stream, or of a level, which answers
+    requests.
     """
     section, elcomat = head.angles, head.format == "elcomat"
     return AnglesSettings(

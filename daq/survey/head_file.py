@@ -1,9 +1,9 @@
-"""The calibration file of a 4-DOF head (TOML): its head, date, curves, signs, lever and their
-uncertainty.
+"""The calibration file of a 4-DOF head (TOML): identity of the head, date, curves, signs, lever,
+and their uncertainties.
 
 The file travels with the logs (`daq.survey.bundle`). A file of another head is refused, because its
-curves would give plausible but wrong numbers. A calibrated field is absent until a command measured
-it, and `require_measured` names the next command.
+curves would give plausible but wrong numbers. A field is absent until a command has measured it;
+`require_measured` names the next command.
 """
 
 import datetime as dt
@@ -43,9 +43,9 @@ CALIBRATED = (
     "crosstalk.psd2_leak",
     "crosstalk.qd_gain_per_m",
 )
-"""Every field that a command measures."""
+"""Every field of the file that a command measures."""
 QD_CALIBRATED = ("qd.x", "qd.y")
-"""Fields without which a quadrant detector alone gives no result."""
+"""Fields that a head with only a quadrant detector needs."""
 
 
 class AxisTable(msgspec.Struct, frozen=True, kw_only=True):
@@ -63,8 +63,9 @@ class AxisTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DetectorTable(msgspec.Struct, frozen=True, kw_only=True):
-    """Curves, limits of the sum, roll, and ``dark``: difference x, difference y and sum without
-    light."""
+    """A detector: curves, limits of the sum, roll, and ``dark`` (difference x, difference y and sum
+    without light).
+    """
 
     x: AxisTable | None = None
     y: AxisTable | None = None
@@ -75,8 +76,8 @@ class DetectorTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LightTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The sums of QD, PSD1 and PSD2 under the same light, and the share by which a sum may differ
-    from the others before its spot is clipped.
+    """The sums of QD, PSD1 and PSD2 under the same light, and the relative difference of a sum from
+    the other sums above which its spot counts as clipped.
     """
 
     sums: tuple[Positive, Positive, Positive]
@@ -84,11 +85,11 @@ class LightTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The lever is ``dead_path_mm + scale * distance``, distance from the head's reference face to
-    the target.
+    """The lever of a head is ``dead_path_mm + scale * distance``; the distance is from the head's
+    reference face to the target.
 
-    Its standard uncertainty is ``u_mm`` at the distance ``u_at_mm``, about which the uncertainty of
-    the scale (``u_scale``) turns the line.
+    The lever's standard uncertainty is ``u_mm`` at the distance ``u_at_mm``; at other distances the
+    uncertainty of the scale (``u_scale``) is added.
     """
 
     dead_path_mm: float = 0.0
@@ -105,8 +106,8 @@ class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CrosstalkTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The corrections of the solver (`fourdof.head.Crosstalk`). The place of the cube is a
-    statement: zero means no offset.
+    """The corrections of crosstalk (`fourdof.head.Crosstalk`). The place of the cube is stated, not
+    measured: zero means no offset.
     """
 
     vertex_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -117,22 +118,23 @@ class CrosstalkTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True):
-    """The method that measured a field, and its day."""
+    """The method that measured a field, and the day of the measurement."""
 
     by: Text
     on: Day
 
 
 class UncertaintyTable(msgspec.Struct, frozen=True, kw_only=True):
-    """Standard uncertainties of the fields of a commissioning, and their correlations, row by row
-    below the diagonal."""
+    """Standard uncertainties of the fields of a commissioning, and the correlations of these
+    fields: the rows of the matrix below the diagonal.
+    """
 
     of: tuple[str, ...] = ()
     u: tuple[NotNegative, ...] = ()
     correlation: tuple[Annotated[float, Meta(ge=-1, le=1)], ...] = ()
 
     def covariance(self) -> Vector:
-        """Return the covariance of the fields, shape (k, k)."""
+        """Return the covariance matrix of the fields, shape (k, k)."""
         full = np.eye(len(self.of))
         full[np.tril_indices(len(self.of), -1)] = self.correlation
         full = full + np.tril(full, -1).T
@@ -141,8 +143,8 @@ class UncertaintyTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
-    """The head of the file. Focal lengths are needed for the angles; a quadrant detector alone has
-    none.
+    """Identity of the calibrated head. The angles need the focal lengths; a quadrant detector alone
+    has no focal length.
     """
 
     id: Text
@@ -155,8 +157,8 @@ class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole file. A file of version 1 does not state the method behind its fields; a missing
-    field, other than a curve, counts as ideal.
+    """The whole calibration file. A file of version 1 does not state methods, and its missing
+    fields, other than curves, count as ideal.
     """
 
     head: HeadIdentity
@@ -170,11 +172,11 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
     uncertainty: UncertaintyTable = UncertaintyTable()
 
     def detector(self, name: DetectorName) -> DetectorTable:
-        """Return a detector's table."""
+        """Return the table of a detector."""
         return {"qd": self.qd, "psd1": self.psd1, "psd2": self.psd2}[name]
 
     def curve(self, name: str) -> AxisTable | None:
-        """Return the curve ``qd.x`` .. ``psd2.y``."""
+        """Return a detector's curve by its name (``qd.x`` .. ``psd2.y``)."""
         detector, _, axis = name.partition(".")
         table: AxisTable | None = getattr(getattr(self, detector), axis)
         return table
@@ -187,8 +189,8 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, **{detector: changed})
 
     def with_measured(self, by: str, on: str, *names: str) -> "HeadFile":
-        """Return the file with the method and day of these fields; the uncertainties of an earlier
-        commissioning are removed.
+        """Return the file with the method ``by`` and the day ``on`` for these fields, without the
+        uncertainties of an earlier commissioning.
         """
         measured = {**self.measured, **{name: Measured(by=by, on=on) for name in names}}
         return msgspec.structs.replace(
@@ -196,7 +198,7 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def absent(self, names: Sequence[str] = CALIBRATED) -> list[str]:
-        """Return the fields not measured yet; for a file of version 1 only the curves."""
+        """Return the fields that are not measured yet; for a file of version 1 only curves."""
         tables = msgspec.to_builtins(self)
         return [
             name
@@ -206,8 +208,8 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def require_measured(file: HeadFile, source: str) -> None:
-    """Raise DataError that names the fields not measured yet, among those that the head needs, and
-    the next command.
+    """Raise DataError if a field that the head needs is not measured; the error names these fields
+    and the next command.
     """
     needed = QD_CALIBRATED if file.head.format == "tqd" else CALIBRATED
     if absent := file.absent(needed):
@@ -226,7 +228,7 @@ def _entry_at(tables: object, name: str) -> object:
 
 
 def parse_head_file(data: bytes, source: str) -> HeadFile:
-    """Return a calibration file. Raises UsageError with the name of the wrong field."""
+    """Return the calibration file in ``data``. Raises UsageError that names the wrong field."""
     file = convert(read_toml(as_text(data, source, UsageError), source), HeadFile, source)
     _check_date(file.head.date, f"{source}: head.date")
     for name, measured in file.measured.items():
@@ -260,7 +262,7 @@ def _check_date(day: str, where: str) -> None:
 
 def _check_uncertainty(table: UncertaintyTable, where: str) -> None:
     """Raise UsageError unless uncertainties and correlations belong to the fields and form a
-    covariance.
+    covariance matrix.
     """
     count = len(table.of)
     for field, values, needed in (
@@ -341,8 +343,8 @@ def _toml_value(value: object) -> str:
     if isinstance(value, float):
         return repr(
             float(value)
-        )  # all its digits; numpy writes its own name before those of its floats
-    # a JSON text is a TOML text, but for DEL
+        )  # all digits; the repr of a numpy float would contain the name of its type
+    # a JSON string is a TOML string, except for DEL
     return (
         msgspec.json.encode(value).decode().replace("\x7f", "\\u007f")
         if isinstance(value, str)

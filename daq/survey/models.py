@@ -1,5 +1,5 @@
-"""The survey file as values: a struct per section, each field with its unit in its name and its
-limits in its type.
+"""The survey file as structs, one per section. The name of a field contains its unit, and the type
+its limits.
 
 `daq.survey.template`, the commented file of ``stepdiag init``, gives the meaning of every field.
 `daq.survey.rules` checks rules about more than one field.
@@ -31,8 +31,8 @@ Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Assumed = Annotated[float, Meta(ge=0, le=10_000)]
 Stated = Annotated[float, Meta(gt=0, le=10_000)]
-"""Largest sizes of causes in um, urad, C or similar units: no machine has errors beyond ten
-millimetres, and beyond a hundred metres no sum is exact.
+"""Types of stated sizes in um, urad, C or similar units, with limits: no machine has errors above
+ten millimetres, and sums of lengths above a hundred metres are not exact.
 """
 Fraction = Annotated[float, Meta(ge=0, lt=1)]
 Text = Annotated[str, Meta(min_length=1)]
@@ -44,7 +44,7 @@ Line = Annotated[
         description="one-line-of-text",
     ),
 ]
-"""A text for a single line of the report, without line breaks."""
+"""A text without line breaks, for a single line of the report."""
 Displacement = Literal["EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ"]
 Rotation = Literal["EAX", "EBX", "ECX", "EAY", "EBY", "ECY", "EAZ", "EBZ", "ECZ"]
 Port = Annotated[int, Meta(ge=1, le=65535)]
@@ -115,8 +115,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def offsets_mm(self) -> dict[str, Triple]:
-        """Return by name the offset of each setup from its usual line; setups along the same travel
-        are named ``ppp+1``, ``ppp+2`` in their order.
+        """Return, by name, the offset in mm of each shifted setup from the usual line; setups along
+        the same travel are named ``ppp+1``, ``ppp+2`` in order.
         """
         named: dict[str, Triple] = {}
         seen: dict[str, int] = {}
@@ -127,8 +127,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def all_setups(self) -> tuple[str, ...]:
-        """Return the setups in the order of driving: a shifted beam follows the setup that is
-        already in place.
+        """Return the setups in the order of driving: a setup with a shifted beam follows the setup
+        of the same travel.
         """
         bases = dict.fromkeys((*self.setups, *(offset.setup for offset in self.beam_offset)))
         named = [*self.setups, *self.offsets_mm]
@@ -138,7 +138,9 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def passes_per_setup(self) -> int:
-        """Return the number of passes of a setup: each repeat out and, if requested, back."""
+        """Return the number of passes of a setup: for each repeat an outward and, if requested, a
+        return pass.
+        """
         return self.repeats * (2 if self.return_pass else 1)
 
 
@@ -148,14 +150,16 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     apply_expansion: bool = False
     laser_on: Literal["table", "spindle"] = "table"
     compensation: Literal["off", "on", "?"] | None = None
-    """None in a file that is older than the question; ``"?"`` where the question is unanswered."""
+    """State of the control's compensation. None in a file that is older than this question; ``"?"``
+    if the question is not answered.
+    """
     active: tuple[BesideFile, ...] = ()
     active_date: date | None = None
     active_source: str = ""
 
 
 class SerialSection(msgspec.Struct, frozen=True, kw_only=True):
-    """A serial port, with the settings that a person chooses."""
+    """The settings of a serial port that a person chooses."""
 
     port: Text
     baud: Annotated[int, Meta(ge=50, le=4_000_000)] = 115200
@@ -269,7 +273,9 @@ class AnglesSection(msgspec.Struct, frozen=True, kw_only=True):
     z: tuple[Turn, ...] = ()
 
     def turns(self, axis: str) -> tuple[Turn, ...]:
-        """Return the rotation of each reading in a run along ``axis`` (x, y, z), with its sign."""
+        """Return the rotation, with its sign, that each angle reading measures in a run along
+        ``axis`` (x, y, z).
+        """
         return {"x": self.x, "y": self.y, "z": self.z}[axis]
 
 
@@ -301,8 +307,8 @@ class Head(SerialSection, frozen=True, kw_only=True):
 
     @property
     def angular(self) -> bool:
-        """Return whether the head is an autocollimator or a level: it measures rotations, without a
-        calibration file.
+        """Return whether the head is an autocollimator or a level, which measures rotations without
+        a calibration file.
         """
         return self.format in ("elcomat", "wyler")
 
@@ -341,22 +347,22 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def silent(self) -> bool:
-        """Return whether the machine has no signals: the laser's plateaus place and name the stops
-        of a pass begun by the operator.
+        """Return whether the machine has no signals. The operator then begins each pass, and the
+        laser's plateaus place and name the stops.
         """
         return self.transport == "none"
 
     @property
     def tcp_port(self) -> int:
-        """Return the port of the control, or the usual port of its protocol where the file names
-        none.
+        """Return the TCP port of the control; without one in the file, the usual port of the
+        protocol.
         """
         return self.port or _PORTS.get(self.transport, 502)
 
     @property
     def signals(self) -> SignalMap:
-        """Return the values to read: the signals and inputs of the file, or the contract's block
-        where a Modbus control's file names none.
+        """Return the values to read from the machine: the signals and inputs of the file, or the
+        contract's block for a Modbus control without signals in the file.
         """
         if self.silent:
             return {}
@@ -366,8 +372,8 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def signal_names(self) -> tuple[str, ...]:
-        """Return the names of this machine's signals, direct or by an expression, in the order of
-        the contract's block.
+        """Return the names of the machine's signals, read directly or computed by an expression, in
+        the order of the contract's block.
         """
         return tuple(
             name
@@ -376,12 +382,12 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def parsed(self, source: str = "survey") -> Mapping[str, Expression]:
-        """Return the expressions, parsed. Raises the errors of `expression`."""
+        """Return the parsed expressions by signal. Raises the errors of `expression`."""
         return {name: self.expression(name, source) for name in self.expressions}
 
     def expression(self, name: str, source: str) -> Expression:
-        """Return the expression of a signal. Raises UsageError with the place of the first
-        character that is not understood.
+        """Return the expression of a signal. Raises UsageError with the place of the first wrong
+        character.
         """
         kinds: dict[str, Kind] = {
             each: "bit" if spec.type == "bit" else "word"
@@ -449,13 +455,14 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """The user's assumptions (k = 1 unless a range or a limit is named);
     `stepdiag.base.conditions.assumptions` gives their meaning.
 
-    A size of the machine that is None has the usual value for ``machine_class`` and ``feedback``.
+    If the size of an error of the machine is None, the usual value for ``machine_class`` and
+    ``feedback`` is used.
     """
 
     machine_class: Literal["good", "ordinary", "poor"] = "ordinary"
     feedback: Literal["screw", "scale"] = "screw"
     pitch_mm: Stated | None = None
-    """Pitch of the screws in mm; None where the file does not state it."""
+    """Pitch of the screws in mm; None if the file does not state the pitch."""
     angles_urad: Assumed | None = None
     drift_um: Assumed | None = None
     wander_um: Assumed | None = None
@@ -480,7 +487,7 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The largest magnitudes allowed; None or no entry means that no limit is stated.
+    """The largest allowed errors; None or a missing entry means that no limit is stated.
     `stepdiag.base.conformity` gives their meaning.
     """
 
@@ -493,7 +500,7 @@ class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     functions_urad: dict[Rotation, Stated] = {}
 
     def by_quantity(self) -> dict[str, float]:
-        """Return the stated sizes, functions by their symbols."""
+        """Return the stated tolerances by quantity; error functions have their symbols as names."""
         single = {
             name: value
             for name, value in msgspec.structs.asdict(self).items()
@@ -511,13 +518,13 @@ class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 class Export(msgspec.Struct, frozen=True, kw_only=True):
     controller: FileName
-    """Also the name of the folder of its files."""
+    """Name of the control, and of the folder of its files."""
     profile: Text
 
 
 class Proof(msgspec.Struct, frozen=True, kw_only=True):
-    """The claims tested by a proof run; `Machine.active` holds the loaded files. Without
-    ``profile`` the export used none.
+    """The claims that a proof run tests; `Machine.active` names the loaded files. ``profile`` is
+    empty if the export used no profile.
     """
 
     controller: FileName
@@ -531,8 +538,8 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
     host: Text = "127.0.0.1"
     port: Port = 8420
     token: str = ""
-    """Only in logs of older versions; a survey file with a token is refused, because every log
-    would contain it.
+    """Token of the page, only in logs of older versions; a survey file with a token is refused,
+    because every log would contain the token.
     """
     token_file: str = ""
     names: tuple[HostName, ...] = ()
@@ -542,8 +549,8 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Certificate(msgspec.Struct, frozen=True, kw_only=True):
-    """Customer, machine and instruments on the first page of the report; for an empty entry the
-    report shows "not stated".
+    """Customer, machine and instruments for the first page of the report, which shows "not stated"
+    for an empty entry.
     """
 
     customer: str = ""
@@ -566,8 +573,9 @@ class Metrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Survey(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole file. ``[survey]`` is ``identity`` here, ``[volume]`` is ``box``, ``[[export]]`` is
-    ``exports``."""
+    """The whole survey file. The field ``identity`` holds ``[survey]``, ``box`` holds ``[volume]``,
+    ``exports`` holds ``[[export]]``.
+    """
 
     identity: Identity = msgspec.field(name="survey")
     box: VolumeSection = msgspec.field(name="volume")
@@ -604,7 +612,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def planned(self) -> runs.Plan:
-        """Return the plan in the form of the planner, the programs and the recording."""
+        """Return the plan in the form that planner, NC programs and recording use."""
         plan, offsets = self.plan, self.plan.offsets_mm
         return runs.Plan(
             volume=self.volume,

@@ -1,4 +1,4 @@
-"""The rules of a survey file beyond the limits of its single fields."""
+"""The rules of a survey file that concern more than the limits of a single field."""
 
 import re
 from collections.abc import Collection, Iterator
@@ -38,18 +38,22 @@ _TABLES = {
 _ORDERS = {"s7": "ABCD", "lsv2": "DCBA"}
 _MAPS = {"s7": message("map-of-s7"), "lsv2": message("map-of-lsv2")}
 LONGEST_PATH, LONGEST_NAME = 2000, 255
-"""Largest lengths of a folder's path and name in bytes: the limits of file systems and kernel
-(PATH_MAX 4096, NAME_MAX 255), less the space for names inside the folder.
+"""Largest lengths in bytes of a folder's path and of its name: the limits of kernel and file
+systems (PATH_MAX 4096, NAME_MAX 255), with space for names inside the folder.
 """
 MOST_SHOWN = 100
 _TELL_AIR = ("ids3010", "lasertex")
 """Formats of lasers whose own sensors of air and material are read."""
 _BITS_PER_CHARACTER = 11
-"""Start, eight data, parity or a second stop bit, stop (Modbus over serial line V1.02, 2.5.1)."""
+"""Bits of a character: start, eight data, parity or a second stop bit, stop (Modbus over serial
+line V1.02, 2.5.1).
+"""
 
 
 def check(survey: Survey, source: str) -> None:
-    """Raise UsageError for the first contradiction in the file, in the order of its sections."""
+    """Raise UsageError for the first contradiction in a survey file, in the order of the
+    sections.
+    """
     for rule in (
         _named_well,
         _volume,
@@ -114,7 +118,7 @@ def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _shifted_lines(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Check the setups that are driven on another line than the usual one."""
+    """Check the setups whose line is shifted from the usual line."""
     for index, offset in enumerate(survey.plan.beam_offset):
         if not any(offset.offset_mm):
             field = f"plan.beam_offset[{index}].offset_mm"
@@ -162,8 +166,8 @@ def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
 
 
 def _named_well(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Check values that would end the daemon later with an error of Python: names of hosts and
-    folders that no system accepts.
+    """Check the names of hosts and folders: a name that no system accepts would later end the
+    daemon with an error of Python.
     """
     for field, host in (
         ("plc.host", survey.plc.host),
@@ -238,7 +242,9 @@ def _laser(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _settings(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Yield the refusals by the settings of the format itself, with the names in the file."""
+    """Yield the errors that the settings of the formats raise, with the names of fields in the
+    file.
+    """
     try:
         laser_settings(survey.laser)
     except UsageError as refusal:
@@ -424,7 +430,7 @@ def _places(plc: Plc, source: str) -> Iterator[UsageError]:
 
 
 def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Yield the refusals of settings that need signals, on a machine without signals."""
+    """Yield the errors of settings that need signals, for a machine without signals."""
     plc, none = survey.plc, message("nothing-without-transport")
     for field, entries in (
         ("signals", plc.own_signals),
@@ -526,8 +532,8 @@ def _signal_place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageEr
 
 
 def _reachable(field: str, spec: SignalSpec, plc: Plc, source: str) -> Iterator[UsageError]:
-    """Check whether the control's protocol reaches a table, and whether the number has a type of
-    the control.
+    """Check whether the control's protocol reaches the table of a signal, and whether the control
+    has the type of its number.
     """
     wanted, words = _TABLES[plc.transport]
     if not wanted.match(spec.table):
@@ -546,8 +552,8 @@ def _reachable(field: str, spec: SignalSpec, plc: Plc, source: str) -> Iterator[
 
 
 def _one_telegram(plc: Plc, source: str) -> Iterator[UsageError]:
-    """The signals of one moment must fit into one request: the smallest telegram of an S7 (PDU of
-    240 bytes).
+    """Check that all signals of an S7 fit into one request, so that they are from one moment
+    (smallest PDU: 240 bytes).
     """
     ranges = plan_reads(plc.signals, ())
     asked, answered = 14 + 12 * len(ranges), 14 + sum(5 + each.byte_count for each in ranges)
@@ -565,7 +571,7 @@ def _one_telegram(plc: Plc, source: str) -> Iterator[UsageError]:
 
 
 def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
-    """Two signals may share a register only as different bits of this register."""
+    """Check that signals share a register only as different bits."""
     names = list(signals)
     for index, name in enumerate(names):
         for other in names[:index]:
@@ -626,7 +632,8 @@ def rtu_poll_s(
     """Return the time of one poll on the wire in seconds, without the device's own time
     (instruments.md 4.2).
 
-    A request is 8 characters, an answer 5 and its data; 3.5 characters of silence before each.
+    A request has 8 characters, an answer 5 characters and its data; 3.5 characters of silence
+    precede each.
     """
     characters = sum(
         8 + 5 + asked.byte_count + 2 * 3.5 for asked in plan_reads(signals, standing)
@@ -654,8 +661,8 @@ def _line_time(plc: Plc, source: str) -> Iterator[UsageError]:
 
 
 def least_dwell_s(survey: Survey) -> float:
-    """Return the shortest time for which the machine stands: a stop is certain only between its
-    first and its last poll, so that dwell > settle + window + 2 polls (instruments.md 4.2).
+    """Return the shortest possible dwell in s: a standstill is certain only between its first and
+    its last poll, so that dwell > settle + window + 2 polls (instruments.md 4.2).
     """
     return survey.stop.settle_s + survey.stop.min_window_s + 2.0 / survey.plc.poll_hz
 

@@ -1,6 +1,6 @@
 """The commented survey file that ``stepdiag init`` writes.
 
-The text is a separate file beside this module, and so readable directly.
+The text is a file of its own beside this module, so that a person can read it.
 """
 
 from importlib.resources import files

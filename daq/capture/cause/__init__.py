@@ -1,9 +1,9 @@
-"""A common cause over a whole pass: the wrong statement of the survey file that makes the machine's
-stops and the laser's steps plausible.
+"""Common cause of the contradictions in a whole pass: the wrong statement of the survey file whose
+correction makes the machine's stops and the laser's steps plausible.
 
 Theory of operation ------------------- A wrong line of the survey file spoils every stop in the
-same way. Judged stop by stop, such a line gives a hundred findings, and no finding names the line.
-So the standstills of a pass are judged together, before any of them is reported.
+same way. If each stop is judged alone, such a line gives a hundred findings, and none of them names
+the line. So the standstills of a pass are judged together, before any of them is reported.
 
 Observations. Standstill i of a pass shows a setup code c, decoded positions p_i (mm, three axes, or
 none) and the laser's reading r_i (mm, while its count is unbroken). The laser's signal does not
@@ -31,18 +31,18 @@ step in the chain (`naming.walk.noise_mm`). A free number fitted to the standsti
 length) costs ln(RANGE_MM / PLACED_MM), the price of its search (Occam's factor, MacKay 2003,
 chapter 28); a cause costs `CAUSE`, the prior odds against a wrong statement. "The file is right"
 costs nothing; each standstill that is not the next stop (a feed hold, a stop driven twice or not
-seen) costs `FAILURE`, over the best path of stops: a single odd standstill is no cause over a whole
-pass, two or three explained by a common line are.
+seen) costs `FAILURE`, over the best path of stops: one odd standstill is no cause over a whole
+pass, but two or three that a common line explains are.
 
 Decision. From the third standstill on, a cause is named when it is e^`SURE` times as likely as a
 right file and as every cause that changes another line, and when the laser has confirmed two of its
 steps. Of two causes with equal fit, neither is named as the cause: a finding states both lines and
-the next move that separates them. A pass whose steps fit the file is not judged again once every
-axis has moved, and no pass is judged again after `LAST` standstills. One pair stays open until the
-pass ends: without positions a pass that begins at its second stop makes the steps of another order
-of axes. The number of stops at its end decides.
+the next move that separates them. A pass whose steps fit the file is not judged any more after
+every axis has moved, and no pass after `LAST` standstills. One case stays open until the pass ends:
+without positions, a pass that begins at its second stop makes the same steps as another order of
+axes. The number of stops at the end of the pass decides.
 
 Findings explained by a named cause are not raised at single stops (`EXPLAINED`). The machine's
-signals, not this module, name the stops: they are named again from the logs when the file is
-corrected.
+signals, not this module, name the stops; after a correction of the file the stops are named again
+from the logs.
 """

@@ -1,4 +1,4 @@
-"""Search of a common cause of a pass, with its findings held back."""
+"""Search for a common cause of a pass; findings that the cause may explain wait meanwhile."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -49,13 +49,13 @@ EXPLAINED = HELD | {
     "count-slip",
     "beam-lost",
 }
-"""Findings not raised after a cause is named: those that remain are raised when the logs are read
-with the corrected file.
+"""Findings not raised after a cause is named. When the logs are read with the corrected file, the
+unexplained findings are raised.
 """
 
 SPOILING = frozenset(["laser.latency_s", "plc.latency_s", "stop.settle_s"])
-"""Lines of the survey file that, if wrong, shift the windows of readings in every pass, also in a
-pass whose steps fit the file.
+"""Lines of the survey file that, if wrong, shift the windows of readings in every pass, even if the
+steps of the pass fit the file.
 """
 
 Code = Literal[
@@ -79,8 +79,8 @@ _NAMING = frozenset(
 
 @dataclass(slots=True)
 class CauseFinder:
-    """Follows the first standstills of a log. ``named`` are the lines that earlier logs have named;
-    if there is one, no further line is named.
+    """Follows the first standstills of a log. ``named`` are the lines of the survey file named as
+    wrong in earlier logs; if there is such a line, no further line is named.
     """
 
     survey: Survey
@@ -96,11 +96,11 @@ class CauseFinder:
     """Whether two causes with equal fit were reported."""
 
     def take(self, stand: Stand, setup: str | None, expected: int) -> list[Finding]:
-        """Add the next standstill of the setup that the signals state; ``expected``: it is expected
-        at a certain stop.
+        """Add the next standstill. ``setup`` is the setup that the signals state, ``expected`` the
+        stop at which the standstill is expected.
 
-        Return the finding of the cause once it is sure; without a cause, return the withheld
-        findings.
+        Return the finding of the cause as soon as the cause is sure, or the withheld findings if
+        there is no cause.
         """
         if self.over:
             return []
@@ -116,8 +116,8 @@ class CauseFinder:
         return self._judged(setup) if len(stands) >= FIRST else []
 
     def _judged(self, setup: str | None) -> list[Finding]:
-        """Return the conclusion from the standstills: the finding of the cause, the finding of two
-        causes with equal fit, or the findings that waited.
+        """Return the conclusion from the standstills: the finding of a cause, the finding of two
+        causes with equal fit, or the withheld findings.
         """
         causes = self._scored(setup)
         if not causes:
@@ -142,7 +142,7 @@ class CauseFinder:
             self.found, self.over, self.held = cause, True, []
             return (
                 [] if self.named else [self._finding(cause)]
-            )  # until the named line is corrected, later passes show its consequences
+            )  # later passes show the consequences of the named line until it is corrected
         self.over = (fits and self.evidence.covers(cause.route)) or (
             len(self.evidence) >= LAST and not late
         )
@@ -158,10 +158,10 @@ class CauseFinder:
         return [*news, *(self.released() if self.over or self._passes_on else [])]
 
     def misses_first(self, route: Route, after: Stand | None = None) -> bool:
-        """Return whether the pass on a route is over without its first stop: its standstills are
-        the second to the last stop, and the standstill ``after`` them is not the next stop.
+        """Return whether a pass is over and lacks its first stop: its standstills are the second to
+        the last stop of the route, and the standstill ``after`` them is not the next stop.
 
-        Until the end another order of the axes makes the same steps.
+        Until the end of the pass, another order of the axes would make the same steps.
         """
         stands = self.evidence.stands
         judged = self.over or self.plain or bool(self.named)
@@ -174,17 +174,19 @@ class CauseFinder:
         return self.evidence.begin(route) == 1
 
     def leave_out(self) -> None:
-        """Stop judging a pass without its first stop: its waiting findings are discarded."""
+        """Stop judging a pass that lacks its first stop; discard its withheld findings."""
         self.over, self.held = True, []
 
     def leave(self) -> list[Finding]:
-        """Stop judging this pass: it shows no steps of the laser, or continues a judged log."""
+        """Stop judging the pass, which shows no steps of the laser or continues a judged log;
+        return the withheld findings.
+        """
         self.over, self.plain = True, not self.named
         return self.released()
 
     def heed(self, found: Finding) -> list[Finding]:
-        """Return a finding if it may be raised now: a finding that a cause may explain waits for
-        the third standstill, or is discarded.
+        """Return a finding if it may be raised now. A finding that a cause may explain is withheld
+        until the third standstill, or discarded.
         """
         if (
             found.code not in EXPLAINED
@@ -208,8 +210,8 @@ class CauseFinder:
         return self.plain and not self.named
 
     def released(self) -> list[Finding]:
-        """Return the withheld findings, because no cause explains them. After a line is named, only
-        a pass that fits the file shows other faults.
+        """Return the withheld findings, which no cause explains. After a line is named, they are
+        returned only if the pass fits the file.
         """
         held, self.held = self.held, []
         return held if self.plain or not self.named else []
@@ -223,7 +225,7 @@ class CauseFinder:
         ]
         scores = [evidence.as_stated(each.route) for each in plain]
         scores += evidence.fits(causes).tolist() if causes else []
-        in_time = cache(evidence.in_time)  # most causes have the same delay
+        in_time = cache(evidence.in_time)  # most causes share a delay
         both = zip(scores, [*plain, *causes], strict=True)
         scored = [(score + in_time(cause.late_s), cause) for score, cause in both]
         return sorted(scored, key=lambda each: -each[0])
@@ -249,15 +251,15 @@ class CauseFinder:
 
 
 def line_named(found: Finding) -> str:
-    """Return the line of the survey file that a finding names as the cause; empty for another
-    finding.
+    """Return the line of the survey file that a finding names as the cause; empty if the finding
+    names no cause.
     """
     return _line_to_correct(found, _NAMING)
 
 
 def line_to_correct(found: Finding) -> str:
-    """Return the line of the survey file whose correction removes the reason of a finding, the
-    stops or the air; empty for another finding.
+    """Return the line of the survey file whose correction removes the reason of a finding about
+    stops or air; empty without such a line.
     """
     return _line_to_correct(found, _NAMING | {"conditions-held.unit"})
 

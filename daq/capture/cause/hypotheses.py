@@ -1,4 +1,4 @@
-"""The library of causes: each changes one statement of the survey file."""
+"""The library of causes: each cause changes one statement of the survey file."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -37,7 +37,9 @@ class Library:
     evidence: Evidence
 
     def plain(self, setup: str | None) -> Iterator[Cause]:
-        """Yield the unchanged survey file: the next pass out, and the next pass back."""
+        """Yield the hypotheses of the unchanged survey file: the next pass out, and the next pass
+        back.
+        """
         for outward in (True, False) if setup is not None else ():
             yield Cause(self._route(setup or "", outward=outward))
 
@@ -82,7 +84,9 @@ class Library:
             )
 
     def _time_causes(self, route: Route) -> Iterator[Cause]:
-        """Yield a late laser or control, and an early stop bit, by the delays of the moves."""
+        """Yield the causes in time: a late laser, a late control, or an early stop bit, with the
+        delays of the moves.
+        """
         laser_s, plc_s, settle_s = (
             self.survey.laser.latency_s,
             self.survey.plc.latency_s,
@@ -124,8 +128,8 @@ class Library:
     def _seen_s(
         self, late_s: Callable[[Move], float], off_s: Callable[[Move], float]
     ) -> list[float]:
-        """Return the delays of moves, each value once: the mean of agreeing delays; ``off_s`` is
-        zero for a move of this delay.
+        """Return the different delays of the moves in s; agreeing delays are replaced by their
+        mean. ``late_s`` gives a move's delay; ``off_s`` is zero for a move that has such a delay.
         """
         seen = sorted(
             late_s(move)
@@ -144,14 +148,14 @@ class Library:
         ]
 
     def _order_causes(self, setup: str, shown: Matrix | None) -> Iterator[Cause]:
-        """Yield every other order of the axes; orders that no observation separates, because two
-        axes make the same step, count as a single cause.
+        """Yield every other order of the axes. Orders that no observation separates, because two
+        axes make the same step, are one cause.
         """
         alike: dict[bytes, tuple[list[str], Route]] = {}
         planned = self.survey.planned
         run = planned.run_of(setup)
         as_stated = order_of(planned, run, self._number(setup))
-        # orders of a plan's repeats have priority over the order of the volume, in the file too
+        # the orders of a plan's repeats have priority over the order of the volume, as in the file
         line, value = (
             ("plan.axis_orders", '["{}"]')
             if run.axis_orders
@@ -174,8 +178,8 @@ class Library:
                 )
 
     def _box_causes(self, setup: str, shown: Matrix | None, steps: Matrix) -> Iterator[Cause]:
-        """Yield a box with another length of an axis, computed from the positions, or else from the
-        steps.
+        """Yield every box in which one axis has another length, computed from the positions, or
+        else from the steps.
         """
         for axis in range(3):
             for length_mm in self._lengths_mm(axis, shown, steps, setup):
@@ -208,8 +212,8 @@ class Library:
                 moved * increments,
                 float(np.max(np.abs(shown[:, axis] - self.survey.volume.origin_mm[axis]))),
             ]
-        # a longer axis turns the diagonal: the steps along the others show it before this axis
-        # moves
+        # a longer axis turns the diagonal: the steps of the other axes show this before the longer
+        # axis moves
         else:
             lengths = [self._length_by_laser(setup, axis, steps)]
         return [
@@ -218,13 +222,15 @@ class Library:
 
     def _length_by_laser(self, setup: str, axis: int, steps: Matrix) -> float:
         """Return the length in mm of one axis with the best fit of the steps: searched on a grid,
-        then between neighbouring points. The stated length where the steps do not depend on it.
+        then between neighbouring points. If the steps do not depend on the length, the stated
+        length is returned.
         """
         route, size = self._route(setup), np.array(self.survey.volume.size_mm)
         signs, stated_mm = np.array(route.travel.signs), float(size[axis])
         if not signs[axis] or len(route) <= len(steps):
             return stated_mm
-        # the share of each axis that a step moves: the reading is its projection on the diagonal
+        # travel of each axis in a step; the reading is the projection of this travel on the
+        # diagonal
         share = signs * np.diff(route.stops_mm[: len(steps) + 1], axis=0)
         share = np.divide(share, size, out=np.zeros_like(share), where=size > 0)
 
@@ -242,7 +248,7 @@ class Library:
         return 0.5 * (low + high)
 
     def _route(self, setup: str, plan: Plan | None = None, *, outward: bool = True) -> Route:
-        """Return the route of the next pass of a setup, of the survey's plan or of another."""
+        """Return the route of the next pass of a setup in the survey's plan, or in ``plan``."""
         return route_of(
             plan or self.survey.planned, setup, self._number(setup, outward=outward)
         )
@@ -253,7 +259,9 @@ class Library:
         return out if outward else back
 
     def _map_causes(self, route: Route, shown: Matrix) -> Iterator[Cause]:
-        """Yield every map of positions on the route that the file states."""
+        """Yield every wrong map of the positions (offset, sign, factor and others) on the route
+        that the file states.
+        """
         first = shown[0]
         start = route.stops_mm[0]
         for axis in range(3):
@@ -383,7 +391,9 @@ class Library:
 
 
 def laser_change(survey: Survey, factor: float) -> Change:
-    """Return the line that makes the laser read ``1 / factor`` times as much."""
+    """Return the change of the survey file that multiplies the laser's readings by ``1 /
+    factor``.
+    """
     laser = survey.laser
     if laser.format == "line" and laser.line is not None:
         return "laser.line.scale", f"{laser.line.scale / factor:.9g}"

@@ -1,5 +1,5 @@
-"""Fit of a hypothesis to the standstills of a pass: by positions, by the laser's steps, and by the
-times of its moves.
+"""Fit of a hypothesis to the standstills of a pass: to the positions, to the laser's steps, and to
+the times of the laser's moves.
 """
 
 import math
@@ -19,39 +19,46 @@ from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.timing.stream import StreamBuffer
 
 OUTLIER = 1e-3
-"""Share of observations that may lie anywhere: one wrong reading must not exclude a hypothesis."""
+"""Probability that an observation lies anywhere: one wrong reading must not exclude a
+hypothesis.
+"""
 CAUSE, SURE = 6.0, 7.0
-"""A survey in four hundred has a certain wrong line; a name in a thousand may be wrong."""
+"""Logarithms of odds: a certain line is wrong in one survey of four hundred, and one of a thousand
+named causes may be a mistake.
+"""
 MOVES = {1: 0.0, 0: FAILURE, 2: FAILURE, 3: FAILURE}
 CONFIRMED = 2
 """Least number of agreeing steps, or moves, before a cause is named: a single one may agree by
 chance.
 """
 ALIKE_SIGMAS = 4.0
-"""A position or time further from a hypothesis than this does not support it."""
+"""Largest distance, in standard deviations, of a position or time that supports a hypothesis."""
 APART_MM = ALIKE_SIGMAS * PLACED_MM
 FREE = math.log(RANGE_MM / PLACED_MM)
 ON_TIME = (0.0, 0.0)
 EDGE_S, PLATEAU_S = 0.03, 0.1
-"""An edge of a plateau is known to its bins; a machine comes to rest within the same time."""
+"""Uncertainty of a plateau's edge (its bins, and the time in which a machine comes to rest), and
+least plateau, in s.
+"""
 LEAST_MOVE_MM = 1.0
-"""Shorter moves have no clear edges in time."""
+"""Least length of a move in mm: shorter moves have no clear edges in time."""
 LEAST_LATE_S, MOST_LATE_S = 0.08, 1.0
-"""Smallest lateness that is more than edge and poll leave open, and the largest that is searched.
+"""Smallest delay in s, above the uncertainty of edge and poll, and largest delay that is
+searched.
 """
 RANGE_S = 2 * MOST_LATE_S
 Matrix = NDArray[np.float64]
 Change = tuple[str, str]
-"""A line of the survey file as a dotted name, and its new value."""
+"""A changed line of the survey file: its dotted name, and its new value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A move seen by the laser: its delays in s against the signals, on leaving the standstill
-    before and on arriving, and its length.
+    """A move seen by the laser: its length, and its delays in s against the signals at the
+    departure and at the arrival.
 
-    ``u_s`` is the standard uncertainty of both times: the bins of the plateaus and the pace of the
-    polls.
+    ``u_s`` is the standard uncertainty of both delays, from the bins of the plateaus and the period
+    of the polls.
     """
 
     left_s: float
@@ -60,14 +67,16 @@ class Move:
     u_s: float
 
     def fits(self, late_s: tuple[float, float]) -> float:
-        """Return the logarithm of the likelihood of both times, if the laser is later than the
-        signals by the given delay.
+        """Return the logarithm of the likelihood of both delays if the laser is later than the
+        signals by ``late_s``.
         """
         off = np.array([self.left_s - late_s[0], self.came_s - late_s[1]])
         return float(np.sum(_log_likelihood(off, np.full(2, self.u_s), RANGE_S)))
 
     def is_at(self, late_s: tuple[float, float]) -> bool:
-        """Return whether both times fit a laser that is later than the signals by ``late_s``."""
+        """Return whether both delays of the move fit a laser that is later than the signals by
+        ``late_s``.
+        """
         off_s = max(abs(self.left_s - late_s[0]), abs(self.came_s - late_s[1]))
         return off_s < ALIKE_SIGMAS * self.u_s
 
@@ -75,7 +84,7 @@ class Move:
 @dataclass(frozen=True, slots=True)
 class Stand:
     """A standstill: the decoded signals, the laser's reading (None: no beam), and the number of
-    losses of its count until then.
+    losses of the laser's count until then.
 
     ``moves`` are the laser's possible moves to this standstill; none without plateaus.
     """
@@ -86,17 +95,17 @@ class Stand:
     moves: tuple[Move, ...] = ()
 
     def move(self, late_s: tuple[float, float]) -> Move | None:
-        """Return the move to this standstill if the laser is later than the signals by the given
-        delay; None without a move.
+        """Return the laser's move to this standstill if the laser is later than the signals by
+        ``late_s``; None without a move.
         """
         return max(self.moves, key=lambda move: move.fits(late_s), default=None)
 
 
 def moves_between(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[Move, ...]:
-    """Return the laser's moves between two consecutive dwells: from any plateau to any later
-    plateau.
+    """Return the laser's possible moves between two consecutive dwells: from each plateau to each
+    later plateau.
 
-    The moments of the signals lie between two polls; those of the laser are the edges of its
+    The times of the signals lie between two polls; the times of the laser are the edges of its
     plateaus.
     """
     poll_ns = dwell.from_ns - (dwell.not_before_ns or dwell.from_ns)
@@ -124,11 +133,11 @@ def moves_between(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[Mov
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """A hypothesis: the machine's path, the control's positions on it, the laser's readings on it,
-    and the lines to change.
+    """A hypothesis: the path of the machine, the positions and the readings along this path, and
+    the lines of the survey file to change.
 
-    ``factors`` and ``shifts_mm`` map planned positions to shown positions, whose axes are taken in
-    the order ``axes``. ``free`` is the number of fitted numbers.
+    ``factors`` and ``shifts_mm`` map planned positions to the positions that the control shows,
+    with the axes in the order ``axes``. ``free`` is the number of fitted numbers.
     """
 
     route: Route
@@ -177,8 +186,8 @@ class Evidence:
         return len(self.stands)
 
     def steps_mm(self, late_s: tuple[float, float] = ON_TIME) -> Matrix:
-        """Return the laser's steps between the standstills; if the laser is late against the
-        signals, the steps of its moves at that time.
+        """Return the laser's steps between the standstills; with a delay ``late_s``, the steps of
+        the moves with this delay.
         """
         readings = [
             math.nan if each.reading_mm is None else each.reading_mm for each in self.stands
@@ -199,8 +208,8 @@ class Evidence:
         return None if None in places else np.array(places, dtype=np.float64)
 
     def fits(self, causes: Sequence[Cause]) -> Matrix:
-        """Return the logarithms of the likelihoods of hypotheses and of their priors, without the
-        edges of their moves, shape (n,): all at once, because the machine waits meanwhile.
+        """Return the sum of log-likelihood and log-prior of each hypothesis, without the times of
+        the moves, shape (n,). All are computed at once, because the machine waits meanwhile.
         """
         count, shown, steps_mm = len(self), self.shown_mm(), cache(self.steps_mm)
         scores = np.array([-CAUSE * bool(each.changes) - FREE * each.free for each in causes])
@@ -213,12 +222,12 @@ class Evidence:
         return scores
 
     def as_stated(self, route: Route) -> float:
-        """Return the best logarithm of the likelihood of the unchanged file, over the errors of a
-        pass at single stops.
+        """Return the largest log-likelihood of the unchanged file, over all paths with errors at
+        single stops.
 
-        A standstill is the next stop. At the cost `FAILURE` it may be the same stop again, a stop
-        one or two further on, or no stop: a place anywhere on the way. Its step counts from the
-        last standstill that is a stop.
+        A standstill is usually the next stop. At the cost `FAILURE` it may be the same stop again,
+        the stop one or two after the next, or no stop but any place on the way. The step to a
+        standstill counts from the last standstill at a stop.
         """
         shown, nominal = self.shown_mm(), route.nominal_mm
         readings = np.array([each.reading_mm for each in self.stands], dtype=np.float64)
@@ -232,7 +241,8 @@ class Evidence:
             nowhere[1:] += alike
         paths: dict[tuple[int, int], float] = {(-1, -1): 0.0}
         for number, reading_mm in enumerate(readings):
-            # the machine may have reversed at its first stop, whose reading the pass before holds
+            # the machine may have reversed at its first stop; the previous pass then holds this
+            # stop's reading
             moves = [
                 (stop, base, stop + on, score - (1.0 if (stop, on) == (-1, 2) else cost))
                 for (stop, base), score in paths.items()
@@ -254,15 +264,15 @@ class Evidence:
         return max(paths.values())
 
     def in_time(self, late_s: tuple[float, float]) -> float:
-        """Return the logarithm of the likelihood of the edges of the moves, if the laser is later
-        than the signals by ``late_s`` (begin, end).
+        """Return the log-likelihood of the times of the moves if the laser is later than the
+        signals by ``late_s`` (at begin and end of a move).
         """
         moves = [each.move(late_s) for each in self.stands]
         return sum(move.fits(late_s) for move in moves if move is not None)
 
     def confirms(self, cause: Cause) -> bool:
-        """Return whether the laser has confirmed enough steps, or the times of enough moves, and no
-        position contradicts them.
+        """Return whether the laser has confirmed enough steps or times of moves of a hypothesis,
+        and no position contradicts the hypothesis.
         """
         shown = self.shown_mm()
         if shown is not None and np.abs(shown - cause.shown_mm(len(shown))).max() > APART_MM:
@@ -278,8 +288,8 @@ class Evidence:
         return self.agreeing(cause) >= CONFIRMED
 
     def begin(self, route: Route) -> int | None:
-        """Return the stop, the first or second of the route, from which every standstill is the
-        next stop, by position and by the laser; None without such a stop.
+        """Return the stop (first or second of the route) at which the pass begins so that every
+        further standstill is the next stop, by position and by the laser; None without such a stop.
         """
         steps, shown, count = self.steps_mm(), self.shown_mm(), len(self.stands)
         for begin in (0, 1):
@@ -295,8 +305,8 @@ class Evidence:
         return None
 
     def covers(self, route: Route) -> bool:
-        """Return whether so many standstills have a step of every axis of a route: until then a
-        wrong length of an axis shows only in how it turns the diagonal.
+        """Return whether the standstills contain a step of every axis of a route. A wrong length of
+        an axis that has not moved shows only in the direction of the diagonal.
         """
         axes = [route.axis_to(stop) for stop in range(1, len(route))]
         return set(axes[: len(self) - 1]) == set(axes)
@@ -308,8 +318,8 @@ class Evidence:
 
 
 def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
-    """Return the steps that agree with the expected steps, by the measure of a single step
-    (`place.route.agrees`).
+    """Return a mask of the steps that agree with the expected steps, by the rule for single steps
+    (`naming.route.agrees`).
     """
     return np.array(
         [
@@ -320,14 +330,16 @@ def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
 
 
 def _placed(off_mm: Matrix) -> Matrix:
-    """Return the logarithm of the likelihood of positions that are off by (..., stops, 3)."""
+    """Return the log-likelihood of positions, from their deviations ``off_mm``, shape (..., stops,
+    3).
+    """
     placed: Matrix = _log_likelihood(off_mm, np.full(3, PLACED_MM)).sum(axis=-1)
     return placed
 
 
 def _log_likelihood(off: Matrix, scatter: Matrix, within: float = RANGE_MM) -> Matrix:
-    """Return the logarithm of the density of residuals: normal, or an outlier anywhere in the
-    range; NaN where a residual is unknown.
+    """Return the logarithm of the probability density of residuals, which are normal, or outliers
+    anywhere in the range ``within``; NaN for an unknown residual.
     """
     normal = np.exp(log_normal(off, scatter))
     density: Matrix = np.log((1 - OUTLIER) * normal + OUTLIER / within)

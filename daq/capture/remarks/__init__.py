@@ -1,4 +1,4 @@
-"""Remarks of machine, sensors and streams beside the stops, in words for the operator.
+"""Findings about machine, sensors and streams that do not come from the stops.
 
 In: registers, air, streams. Out: findings. Imported by the rest of `capture`, and by the rooms that
 list unchecked facts.

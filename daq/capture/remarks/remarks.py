@@ -1,7 +1,6 @@
-"""Remarks of machine and streams beside the stops: heartbeat, alarms, rejected conditions, troubles
-of a line.
+"""Findings about machine and streams: heartbeat, alarms, rejected conditions, troubles of a line.
 
-Alarms and conditions are assigned to their stop.
+An alarm or a condition is assigned to its stop.
 """
 
 import re
@@ -22,27 +21,29 @@ from stepdiag.daq.timing.samples import Notice
 from stepdiag.daq.timing.stream import StreamBuffer
 
 STILL_NS = 1_500_000_000
-"""The heartbeat changes at least once a second (contract 2); half a second more allows for polls
-and a slow gateway.
+"""Time in ns without a change after which the heartbeat stands still: the heartbeat changes at
+least once a second (contract 2), and half a second allows for polls and a slow gateway.
 """
 
 
 class Pulse:
-    """Follows the heartbeat of a log. ``still``: the heartbeat has not changed for too long. A
-    machine without a heartbeat is trusted.
+    """Follows the heartbeat of the machine. ``still``: the heartbeat has not changed for too long;
+    never set for a machine without a heartbeat.
     """
 
     def __init__(self) -> None:
         self.still = False
         self.beat_ns = 0
-        """The request time of the last poll with a changed heartbeat: the values of the poll are
-        from that moment.
+        """The request time of the last poll with a changed heartbeat; the values of later polls may
+        be from this time.
         """
         self._value: int | None = None
         self._heard_ns = 0
 
     def take(self, signals: Signals, block: ModbusBlock) -> bool:
-        """Process a poll; return whether the heartbeat stands still since this poll."""
+        """Process a poll; return whether this poll is the first with a heartbeat that stands
+        still.
+        """
         if signals.heartbeat is None or signals.heartbeat != self._value:
             self._value, self.beat_ns, self._heard_ns = (
                 signals.heartbeat,
@@ -55,13 +56,13 @@ class Pulse:
         return self.still and not before
 
     def for_s(self, now_ns: int) -> float:
-        """Return for how long the heartbeat has stood still."""
+        """Return the time in s for which the heartbeat has stood still."""
         return (now_ns - self._heard_ns) * 1e-9
 
 
 class Alarm:
-    """Follows the machine's alarm within a pass: each alarm is reported with its time, and the stop
-    after it is doubted.
+    """Follows the machine's alarm within a pass: each alarm is reported with its time, and the next
+    stop is doubted.
     """
 
     def __init__(self, wall_offset_ns: int) -> None:
@@ -72,8 +73,8 @@ class Alarm:
     def look(
         self, walk: Walk, signals: Signals, now_ns: int, *, waiting: bool
     ) -> Iterator[Finding]:
-        """Process a poll; yield a new alarm. ``waiting``: a standstill is over and not captured as
-        a stop yet.
+        """Process a poll; yield the finding of a new alarm. ``waiting``: a standstill is over, but
+        not captured as a stop yet.
         """
         before, self._on = self._on, bool(signals.alarm)
         if self._on and not before:
@@ -84,7 +85,7 @@ class Alarm:
             yield walk.finding("warning", min(walk.expected + waiting, last), words)
 
     def doubts(self, stop: CapturedStop) -> list[Message]:
-        """Return the doubts of a stop: an alarm before its end that concerns no other stop."""
+        """Return the doubt of a stop if an alarm came before its end and concerns no other stop."""
         doubts = [remark for time_ns, remark in self._doubts if time_ns <= stop.window_to_ns]
         self._doubts = [each for each in self._doubts if each[0] > stop.window_to_ns]
         return doubts
@@ -93,7 +94,7 @@ class Alarm:
 def remarked(
     walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm
 ) -> Iterator[Outcome]:
-    """Yield the outcomes of a dwell, with the remarks on the conditions and on the machine at its
+    """Yield the outcomes of a dwell, with the remarks on conditions and machine added to the
     stops.
     """
     stops = [each for each in taken if isinstance(each, CapturedStop)]
@@ -129,7 +130,7 @@ def credible_of(stop: CapturedStop) -> dict[str, Credible]:
 
 _FIGURES = re.compile(r"\d+")
 LISTEN_NS = 1_000_000_000
-"""Period in ns of the query for the streams' remarks."""
+"""Least time in ns between two reports of the streams' remarks."""
 STREAMS: dict[Link, Message] = {
     "laser": message("stream-laser"),
     "head": message("stream-head"),
@@ -150,7 +151,7 @@ CODES = {
     "restart": "instrument-restart",
     "device": "instrument-reports",
 }
-"""The code of each kind of notice, whatever the instrument."""
+"""The finding's code of each kind of notice, whatever the instrument."""
 
 
 class StreamRemarks:
@@ -164,20 +165,22 @@ class StreamRemarks:
         self._listened_ns = 0
 
     def listen_now_and_then(self, now_ns: int, outcomes: list[Outcome]) -> None:
-        """Report new remarks at most once a second."""
+        """Report new remarks of the streams at most once a second."""
         if now_ns - self._listened_ns >= LISTEN_NS:
             self._listened_ns = now_ns
             self.listen(outcomes)
 
     def listen(self, outcomes: list[Outcome]) -> None:
-        """Report new remarks; before all other reports, so that the order is that of the events."""
+        """Report new remarks of the streams. The capture calls this before it reports its own
+        findings, so that the order is that of the events.
+        """
         for stream, buffer in self._streams.items():
             for notice in buffer.heard():
                 self._say(stream, notice, outcomes)
 
     def lost(self, link: Link, causes: Sequence[Words], outcomes: list[Outcome]) -> None:
-        """Report the places of bytes lost on the link, each cause once a log: the link counts the
-        bytes itself.
+        """Report the causes of bytes lost on a link, each cause once per log; the link itself
+        reports the number of bytes.
         """
         for cause in causes:
             kind = (

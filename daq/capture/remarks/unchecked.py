@@ -21,8 +21,8 @@ OF_THE_STOPS = {
     "heartbeat": message("without-heartbeat"),
     "alarm": message("without-alarm"),
 }
-"""Signals named in every survey; position and setup have findings of their own, conditions stand in
-the result.
+"""Signals whose absence every survey reports. Position and setup have findings of their own, and
+conditions stand in the result.
 """
 WITHOUT = {
     **OF_THE_STOPS,
@@ -30,7 +30,9 @@ WITHOUT = {
     "x_mm": message("without-position"),
     **{name: message("without-condition", name=words) for name, words in CONDITIONS.items()},
 }
-"""Checks that are missing without a signal, or use another source (contract 2)."""
+"""By signal: the check that is missing, or uses another source, without this signal (contract
+2).
+"""
 
 
 def places_known(survey: Survey) -> bool:
@@ -39,10 +41,10 @@ def places_known(survey: Survey) -> bool:
 
 
 def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...]:
-    """Return the checks that are impossible because the survey file maps no signal for them; none
-    where every signal is mapped.
+    """Return a finding for each check that is impossible because the survey file does not map its
+    signal.
 
-    ``without`` are conditions reported elsewhere.
+    ``without`` are conditions that other findings report.
     """
     if survey.plc.silent:
         return (
@@ -63,8 +65,8 @@ def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, .
 
 
 def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...]:
-    """Return the unmeasured conditions on which the readings depend; empty if they are stated as
-    fixed.
+    """Return findings about the unmeasured conditions on which the readings depend; none if the
+    survey file states them as fixed.
     """
     if survey.environment.source == "fixed":
         return ()
@@ -84,7 +86,9 @@ def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...
 
 
 def _without_signals(survey: Survey) -> Iterator[Message]:
-    """Yield the faults that stay unseen where the laser alone places and names the stops."""
+    """Yield messages of the faults that stay unseen if only the laser places and names the
+    stops.
+    """
     yield message("unseen-all")
     yield message("unseen-person")
     yield message("unseen-elsewhere")
@@ -110,7 +114,7 @@ def _diagonals(survey: Survey) -> list[str]:
 
 
 def _alike(survey: Survey) -> list[str]:
-    """Return the axes whose steps along a diagonal are the same for the laser."""
+    """Return the axes whose steps along a diagonal give the laser the same reading."""
     if not _diagonals(survey):
         return []
     route = route_of(survey.planned, _diagonals(survey)[0], 1)

@@ -1,9 +1,9 @@
-"""The certain part of a dwell: cut where the count was lost, without unsteady samples; and the side
-from which the machine came.
+"""The certain part of a dwell, which ends at a loss of the count and has no unsteady samples; and
+the side from which the machine approached.
 
-A machine that reverses at a stop arrives there once. Its reading there belongs to both passes, with
-the backlash of the way out. On the way back every axis keeps the side of the way out until it
-moves.
+A machine that reverses at a stop arrives there once. The reading at this stop belongs to both
+passes, with the backlash of the outward pass. On the return pass an axis keeps the side of the
+outward pass until it moves.
 """
 
 import math
@@ -32,25 +32,26 @@ LOOK_BACK_NS = 5_000_000_000
 slow move.
 """
 AWAY_MM = 0.2
-"""Distance in mm beyond which a machine is moving: vibration and overshoot are smaller on every
+"""Least distance in mm that shows a moving machine: vibration and overshoot are smaller on every
 machine.
 """
 AWAY_SHARE = 0.25
-"""Share of a shorter step used in its place; for a step whose share is below `STILL_MM` nothing is
-reported.
+"""Share of a short step that replaces `AWAY_MM` if it is smaller; if the share is below `STILL_MM`,
+the approach is not judged.
 """
 
 STEADY_SIGMAS = 3.0
-"""A trend beyond doubt, in its standard uncertainties."""
+"""Least size of a trend beyond doubt, in standard uncertainties of the trend."""
 STEADY_ALONE_SIGMAS, STEP_ALONE_SIGMAS = 12.0, 8.0
-"""The same, and a step, where the pass does not show its noise yet. A window alone does not show
-noise that is slower than itself: in 1/f noise its trend reaches eleven of its standard
-uncertainties, and a step seven standard deviations of what two levels leave."""
+"""Least sizes of a trend and of a step beyond doubt while the pass does not show its noise yet. A
+window alone does not show noise that is slower than itself: in 1/f noise a trend reaches eleven
+standard uncertainties, and a step seven standard deviations of the residuals of two levels.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Taken:
-    """A window of readings: the statistics, its bounds, and what is doubtful about it.
+    """A window of readings: its statistics, its bounds, and the reasons to doubt it.
 
     ``step`` is the size of a step in the window, in um and in standard deviations of the residuals
     of two levels.
@@ -66,8 +67,8 @@ class Taken:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of a dwell whose readings share a zero: they were measured in this part and received
-    before the loss at its end.
+    """A part of a dwell whose readings share a zero: all were measured in this part, and received
+    before the loss of the count at its end.
     """
 
     from_ns: float
@@ -75,16 +76,16 @@ class Part:
     arrived_before_ns: float = math.inf
 
     def span(self, stream: Placing, from_ns: float) -> Span:
-        """Return the usable samples of this part from a time on."""
+        """Return the usable samples of this part from ``from_ns`` on."""
         return stream.span(from_ns, self.to_ns, self.arrived_before_ns)
 
 
 def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
-    """Return a dwell cut at certain or possible losses of the count; at least one part, each ending
-    with its last sample.
+    """Return the parts of a dwell between certain or possible losses of the count; at least one
+    part. Each ends with its last sample.
 
-    The time of a loss is the arrival of the first chunk after it. Samples from after the loss may
-    be in this chunk with times before the dwell's end: they belong to no part.
+    The time of a loss is the arrival of the first chunk after the loss. Samples of this chunk with
+    earlier times may be from after the loss, so they belong to no part.
     """
     latest_ns = dwell.to_ns + ARRIVAL_SLACK_NS
     cuts = sorted(
@@ -107,12 +108,12 @@ def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
 
 
 def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Taken]:
-    """Return the means over the certain part of a dwell.
+    """Return the windows over the certain parts of a dwell.
 
-    A single part is the rule. A loss of the count within the dwell can leave a part before and a
-    part after it: the machine stood throughout, so their difference is the error of the count. Of
-    the parts before a loss, only a window without any doubt is used, unless there is no other
-    window.
+    Usually there is a single part. A loss of the count within the dwell can leave a part before and
+    a part after the loss: the machine stood throughout, so the difference of both parts is the
+    error of the count. Of the parts before a loss, only a window without any doubt is used, unless
+    there is no other window.
     """
     *before, last = unbroken_parts(stream, dwell)
     earlier = [
@@ -126,9 +127,9 @@ def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Tak
 def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | None:
     """Return the stream's mean over a part of a dwell, or None where no usable sample lies in it.
 
-    The first ``settle_s`` are left out. If the standstill is not yet steady, later and shorter
-    parts of it are tried, down to the shortest allowed length. A step in the rest, or a frozen
-    value, makes the stop doubtful, whichever part is used.
+    The first ``settle_s`` are left out. If the readings are not steady yet, later and shorter
+    windows are tried, down to the shortest allowed length. A step after ``settle_s``, or a frozen
+    value, makes the stop doubtful, whichever window is used.
     """
     start = part.from_ns + rules.settle_s * 1e9
     span = part.span(stream, start)
@@ -143,8 +144,8 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
 
 
 def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> Taken:
-    """Return the longest steady end of a part of a dwell; the whole part where no end is long
-    enough.
+    """Return the longest steady window at the end of a part of a dwell; the whole part if no steady
+    window is long enough.
     """
     length = part.to_ns - whole.from_ns
     for left_out in (0.0, 0.25, 0.5, 0.75):
@@ -164,8 +165,8 @@ def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> T
 def take(
     span: Span, from_ns: float, to_ns: float, rules: StopRules, resolution_um: float
 ) -> Taken | None:
-    """Return the statistics of a span of readings, its bounds, and the reason why it is not steady;
-    None where the span has too few samples.
+    """Return the window of a span of readings: statistics, bounds, and the reason why it is not
+    steady; None if the span has too few samples.
     """
     if len(span.time_ns) < LEAST_SAMPLES:
         return None
@@ -215,13 +216,16 @@ def _unsteady(window: Window, rules: StopRules) -> list[Message]:
 
 @dataclass(slots=True)
 class PassNoise:
-    """The slow noise of a pass: the trends of its undoubted windows so far, in um/s. Turbulent air
-    makes another trend at every stop; a machine that creeps makes the same one."""
+    """The slow noise of a pass, from the trends of its undoubted windows so far, in um/s. Turbulent
+    air gives another trend at every stop; a machine that creeps gives the same trend.
+    """
 
     slopes_um_s: list[float] = field(default_factory=list)
 
     def take(self, taken: Taken, rules: StopRules) -> Taken:
-        """Take the next window; return it without the doubts that the slow noise explains."""
+        """Add the next window; return this window without the doubts that the slow noise
+        explains.
+        """
         window, slow_um_s = taken.window, self._scatter_um_s()
         alone, (step_um, step_sigmas) = not slow_um_s, taken.step
         sigmas = STEADY_ALONE_SIGMAS if alone else STEADY_SIGMAS
@@ -240,20 +244,19 @@ class PassNoise:
         return replace(taken, doubts=doubts)
 
     def _scatter_um_s(self) -> float:
-        """Return the standard deviation of the trends; 0 where they are too few to show it."""
+        """Return the standard deviation of the trends in um/s; 0 if there are too few trends."""
         if len(self.slopes_um_s) < 2 * LEAST_SAMPLES:
             return 0.0
         return float(np.std(self.slopes_um_s, ddof=1))
 
 
 def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -> bool | None:
-    """Return whether the machine came to a standstill from the beginning of a step of the pass, not
-    from beyond the stop.
+    """Return whether the machine approached a stop from the beginning of its step, not from beyond
+    the stop.
 
-    A stop there and a stop back at the same place differ by the reversal value. Position registers
-    alone give the place. A counter that follows the stops gives the direction as well; without a
-    counter, a stop of the way back looks like a stop of the way out. The laser has measured the
-    arrival.
+    Approaches of a place from both sides differ by the reversal value. Position registers give only
+    the place; without a stop counter, a stop of the return pass looks like a stop of the outward
+    pass. The laser has measured the approach.
 
     The standstill begins at ``begin_ns`` with the reading ``taken``; ``step_mm`` is the expected
     reading of the step. None if the approach was not observed: the step is too short, there are no
@@ -278,14 +281,14 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
 
 
 CLOSE_NS = 30_000_000
-"""Samples with a larger distance in time may miss an overrun: 2 mm out and back take a quick
-machine a tenth of a second.
+"""Largest time in ns between samples that cannot miss an overrun: a quick machine needs a tenth of
+a second for 2 mm out and back.
 """
 
 
 def watched_closely(laser: StreamBuffer, last: CapturedStop, until_ns: float) -> bool:
-    """Return whether the laser has observed every move since the last stop of a pass was captured,
-    within this log.
+    """Return whether the laser has observed, within this log, every move since the last stop of a
+    pass was captured.
     """
     times_ns = laser.span(last.window_to_ns, until_ns).time_ns
     return bool(np.all(np.diff(times_ns) <= CLOSE_NS))
@@ -294,10 +297,10 @@ def watched_closely(laser: StreamBuffer, last: CapturedStop, until_ns: float) ->
 def last_beyond_ns(
     laser: StreamBuffer, last: CapturedStop, towards: float, until_ns: float
 ) -> float | None:
-    """Return the last time at which the machine was beyond the last stop of a pass since its
-    capture; None if it never was.
+    """Return the last time in ns, since the capture of the last stop of a pass, at which the
+    machine was beyond this stop; None without such a time.
 
-    ``towards`` has the sign of the reading's change on the way to that stop.
+    ``towards`` has the sign of the reading's change on the way to the last stop.
     """
     if last.reading_mm is None:
         return None

@@ -1,8 +1,8 @@
-"""From polls to dwells: the machine's standstill by Modbus only.
+"""From polls to dwells: the machine's standstills by its signals only.
 
 At the answer to a standing poll the machine may already be moving again, and it may have stood
-since just after the previous poll. Only the time between the answer to the first standing poll and
-the request of the last is certain.
+since just after the previous poll. Only the time from the answer to the first standing poll to the
+request of the last standing poll is certain.
 
     observation   no dwell open   a dwell open
     moving                        close
@@ -12,7 +12,7 @@ the request of the last is certain.
 
 A poll without an answer changes nothing: the next answer decides.
 
-Registers may lag behind the stop signal by some polls, and show the stop before or a place on the
+Registers may lag behind the stop signal by some polls, and show the previous stop or a place on the
 way; a stop signal may flicker. Both effects cut one standstill into several dwells. The laser
 decides whether the machine moved in between (`Standstills`).
 """
@@ -35,20 +35,21 @@ from stepdiag.daq.capture.standing.window import (
 from stepdiag.daq.formats.signals import Signals
 
 STILL_MM = 0.02
-"""Largest distance in mm of a standing machine while it comes to rest; the shortest step, and an
-overrun that takes up the backlash, are longer.
+"""Largest movement in mm of a machine that comes to rest; the shortest step, and an overrun that
+takes up the backlash, are longer.
 """
 SAME_STOP_MM = 0.05
-"""Two commanded positions closer than this are the same stop: the register counts tenths of
-micrometres."""
+"""Least distance in mm of the commanded positions of two stops; registers count tenths of
+micrometres.
+"""
 COUNT_MODULUS = 65536
 MOST_PLACES = 256
-"""Largest number of different positions stored for a standstill: enough for its median, and bounded
-if a machine stands for hours.
+"""Largest number of different positions stored for a standstill: enough for the median, and bounded
+for a machine that stands for hours.
 """
 FLICKER_NS = 300_000_000
-"""A shorter absence of the stop signal in ns is a flicker; no machine makes a step in this time and
-stands again.
+"""Longest absence of the stop signal in ns that is a flicker: no machine makes a step and stands
+again in this time.
 """
 
 
@@ -58,11 +59,11 @@ Place = tuple[float, float, float] | None
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dwell:
-    """A standstill by Modbus.
+    """A standstill by the machine's signals.
 
     The machine stood for certain from ``from_ns`` to ``to_ns`` (equal after a single poll); it
     cannot have stopped before ``not_before_ns`` (the request of the last moving poll). ``signals``
-    are those of the most frequent position.
+    contain the position that was read for the longest time.
     """
 
     from_ns: int
@@ -72,8 +73,8 @@ class Dwell:
 
 
 class DwellTracker:
-    """Follows the polls of one log. Returns the dwells as they close; the open dwell can be read at
-    any time.
+    """Follows the polls of one log and returns each dwell when it closes; the open dwell can be
+    read at any time.
     """
 
     def __init__(self) -> None:
@@ -83,7 +84,7 @@ class DwellTracker:
         self._held_ns: Counter[Place] = Counter()
 
     def poll(self, signals: Signals, send_ns: int, recv_ns: int) -> Dwell | None:
-        """Process a poll; return the dwell that it closes, if any."""
+        """Process a poll; return the dwell that the poll closes, if any."""
         observation, closed = self._observe(signals), None
         if observation != "same":
             closed, self._last, self.open = self.open, self.open or self._last, None
@@ -102,11 +103,12 @@ class DwellTracker:
         return closed
 
     def _with(self, dwell: Dwell, signals: Signals, to_ns: int) -> Dwell:
-        """Return the open dwell with the signals whose position was read for the longest time: the
-        register may still be settling.
+        """Return the open dwell extended by a poll, with the position that was read for the longest
+        time: the register may still be settling.
 
-        Not most often: a poller that is held up asks seldom, and may have asked often while the
-        register ran in. The median in time where the register flickers, as actual positions do.
+        The longest time decides, not the number of polls: a delayed poller polls rarely, and may
+        have polled often while the register was settling. If the register flickers, as actual
+        positions do, the median in time is used.
         """
         if len(self._held_ns) < MOST_PLACES or signals.commanded_mm in self._held_ns:
             self._held_ns[signals.commanded_mm] += to_ns - dwell.to_ns
@@ -122,8 +124,8 @@ class DwellTracker:
         )
 
     def _place(self, before: Place) -> Place:
-        """Return the position that was read for the longest time, the first of equals; the median
-        where no position was read for half of the time.
+        """Return the position that was read for the longest time (of equal times the first); the
+        median if no position was read for half of the time.
         """
         longest = max(
             self._held_ns, key=lambda place: (self._held_ns[place], place == before)
@@ -134,8 +136,8 @@ class DwellTracker:
         return _median_place(self._held_ns) if flickers else longest
 
     def stale(self, since_ns: int) -> None:
-        """Note that the values of the polls are not newer than ``since_ns``: the open dwell is
-        certain up to then.
+        """Record that the values of the polls are not newer than ``since_ns``: the open dwell is
+        certain only until this time.
         """
         if self.open is not None:
             self.open = replace(
@@ -150,8 +152,8 @@ class DwellTracker:
 
 
 def _median_place(held_ns: Mapping[Place, int]) -> Place:
-    """Return for each axis the position at which as much time lies below as above; each position
-    was read.
+    """Return for each axis the median of the read positions, each weighted with the time for which
+    it was read.
     """
     places = np.array([place for place in held_ns if place is not None])
     weight = np.array(
@@ -181,15 +183,16 @@ def same_stop(one: Signals, other: Signals) -> bool:
 
 
 def count_steps(before: int, after: int) -> int:
-    """Return the increase of a counter, over its wrap: 1 is the next stop, 0 the same stop, and
-    more than half the range is a decrease.
+    """Return the increase of a stop counter, across its wrap: 1 means the next stop, 0 the same
+    stop; an increase of more than half the range is a decrease.
     """
     return (after - before) % COUNT_MODULUS
 
 
 RECENT, RECENT_NS = 9, 50_000_000
-"""The samples from the end of one dwell to the beginning of the next are compared. The newest
-samples of the next may be of the move that follows: a stop signal is as old as the PLC's scan.
+"""Number of samples, and time in ns, that are compared at the end of one dwell and at the beginning
+of the next. Later samples of a dwell may be from the following move: a stop signal is as old as the
+PLC's scan.
 """
 SAMPLES_WAIT_NS = 500_000_000
 """Longest wait in ns for the samples of a dwell before the dwell is judged without them."""
@@ -197,7 +200,7 @@ SAMPLES_WAIT_NS = 500_000_000
 
 @dataclass(slots=True)
 class _Waiting:
-    """A standstill: its dwell, the end of its last part, and the length of the part behind its
+    """A standstill: its dwell, the end of its last part, and the length of the part that gave its
     signals.
     """
 
@@ -207,7 +210,7 @@ class _Waiting:
 
 
 class Standstills:
-    """The closed dwells that wait for capture, in order; dwells of the same standstill are
+    """The standstills that wait for capture, in order; closed dwells of the same standstill are
     joined.
     """
 
@@ -223,15 +226,15 @@ class Standstills:
         self._waiting.append(_alone(dwell))
 
     def first(self) -> Dwell:
-        """Return the dwell that has waited longest."""
+        """Return the dwell of the first waiting standstill."""
         return self._waiting[0].dwell
 
     def settled(self, now_ns: int, going_on: Dwell | None, placing: Placing | None) -> bool:
-        """Return whether the first standstill is over: another standstill has begun, or the machine
-        has moved for a while.
+        """Return whether the first waiting standstill is over: another standstill has begun, or the
+        machine has moved for a while.
 
-        ``placing`` is None without a stream that shows the machine's motion: a 4-DOF head does not
-        see its travel.
+        ``placing`` is None without a stream that shows the machine's travel, as in a run of the
+        4-DOF head.
         """
         while len(self._waiting) > 1:
             following = self._waiting[1].dwell
@@ -247,15 +250,15 @@ class Standstills:
         return now_ns - going_on.from_ns >= SAMPLES_WAIT_NS if one is None else not one
 
     def take(self) -> Dwell:
-        """Return the first standstill, which waits no longer."""
+        """Return the first waiting standstill and remove it."""
         self._taken = self._waiting.pop(0)
         return self._taken.dwell
 
     def goes_on(self, going_on: Dwell, placing: Placing | None) -> bool:
-        """Return whether a dwell repeats the standstill captured last: the stop signal fell and
+        """Return whether a dwell continues the standstill captured last: the stop signal fell and
         rose, but the machine did not move.
 
-        Without samples, counter and position decide.
+        Without samples, stop counter and position decide.
         """
         if self._taken is None:
             return False
@@ -275,19 +278,19 @@ class Standstills:
         return all(bool(_one(each, going_on, placing)) for each in self._waiting)
 
     def taken_early(self, dwell: Dwell) -> None:
-        """Record that a standstill was captured before its end; all waiting dwells are its shorter
-        parts.
+        """Record that a standstill was captured before its end; all waiting dwells are shorter
+        parts of it.
         """
         self._waiting, self._taken = [], _alone(dwell)
 
 
 def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None:
-    """Return whether two dwells are a single standstill: no move was observed between them, or only
-    for a moment, and the laser stood still.
+    """Return whether two dwells are a single standstill: at most a short move was observed in
+    between, and the laser stood still.
 
-    If the time without a poll is longer than a step, a move would be missed: then the laser must
-    have stood still all the time. After a move, a count that was lost meanwhile may show the same
-    reading. None where there are too few samples.
+    In a time without polls that is longer than a step, a move could be missed: the laser must then
+    have stood still all the time. If the count was lost in a move, the same reading proves nothing.
+    None if there are too few samples.
     """
     unbroken = after.not_before_ns is None or after.not_before_ns <= before.dwell.from_ns
     soon = after.from_ns - before.end_ns < FLICKER_NS
@@ -306,14 +309,14 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
         max(before.dwell.from_ns, before.end_ns - RECENT_NS), after.from_ns
     ).position_mm
     strays = np.abs(earlier - np.median(then)) > STILL_MM
-    # the very first samples may still be of the move, where none was seen between the dwells
+    # without an observed move between the dwells, the very first samples may be from a move
     wrong = MAJORITY if unbroken and soon else LEAVING_SHARE
     return not strays.any() or bool(strays.mean() < wrong)
 
 
 def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
-    """Return the last samples at the beginning of a dwell, in mm: of the samples up to its first
-    poll, or of the few that follow a dwell seen by a single poll.
+    """Return the samples at the beginning of a dwell, in mm: the last samples before its first poll
+    ends, or after it for a dwell of a single poll.
     """
     span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + SAMPLES_WAIT_NS))
     shown, begun = np.searchsorted(
@@ -327,8 +330,8 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
 
 
 def _single_dwell(before: _Waiting, after: Dwell) -> _Waiting:
-    """Return two dwells as a single dwell: the whole of both if no move was observed, else the
-    longer part; the signals are the most frequent.
+    """Return two dwells joined to a single dwell: both if no move was observed in between, else the
+    longer one; with the signals of the longer one.
     """
     lasts_ns = after.to_ns - after.from_ns
     if after.not_before_ns is not None and after.not_before_ns > before.dwell.from_ns:

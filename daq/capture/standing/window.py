@@ -1,5 +1,5 @@
-"""The mean of a standing laser, its uncertainty, and the reasons to doubt a window by itself; and
-the machine's standstill by the laser alone.
+"""The mean of a standing laser's samples, its uncertainty, and the reasons to doubt a window from
+its own samples; and the machine's standstills by the laser alone.
 """
 
 import math
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.ma  # np.unique needs it: loaded with the program, not with the first stop, as is fft
+import numpy.ma  # np.unique needs it: loaded at the start, as fft is, not at a stop
 from numpy import fft
 from numpy.typing import NDArray
 
@@ -15,34 +15,37 @@ from stepdiag.base.messages import Message, message
 from stepdiag.daq.timing.stream import Break, Span
 
 SIGMAS = 5.0
-"""Noise is smaller than this number of its standard deviations."""
+"""Limit of noise, in standard deviations."""
 LEAST_SAMPLES = 3
-"""Fewer samples do not show their own scatter, and are single wrong lines of a laser and no move. A
-polled display gives no more in a short dwell.
+"""Least number of samples that shows its own scatter, or a move; fewer may be single wrong lines of
+a laser. A polled display gives no more in a short dwell.
 """
 MAJORITY = 0.5
-"""The larger part decides: of a window, of a dwell, of the way of a leaving machine, which is seen
-on it while a slip of the count is complete at once.
+"""Share above which a part decides: of a window, of a dwell, or of the way of a leaving machine
+(samples on the way show a move; a slip of the count has none).
 """
 BLOCKS = 256
-"""Autocorrelation is estimated from block means, so that a window of any length has the same cost.
+"""Number of block means from which the autocorrelation is estimated, so that a window of any length
+has the same cost.
 """
 RESOLUTION_FLOOR_UM = 0.002
-"""Least uncertainty in um for a window of equal samples, whose standard deviation is zero: one or
-two nanometres are the least step of the finest known instrument.
+"""Least uncertainty in um for a window of equal samples, whose standard deviation is zero: the
+finest known instruments have steps of one or two nanometres.
 """
 MAD_TO_SIGMA = 1.4826
 BIN_NS = 20_000_000
 EDGE_NS = 2 * BIN_NS
-"""The last bins of a plateau may hold the beginning of the move."""
+"""Time in ns at the end of a plateau that may contain the beginning of the move."""
 QUIET_UM = 3.0
-"""Neighbouring 20 ms means of a standing machine differ by less; at the slowest feed in use (10
-mm/min) a moving one goes 3.3 um."""
+"""Limit in um of the difference between neighbouring 20 ms means of a standing machine; at the
+slowest feed in use (10 mm/min) a machine moves 3.3 um in 20 ms.
+"""
 
 
 class Placing(Protocol):
-    """The stream that places a stop: the laser's, or `daq.capture.head_stop.QdView` in a run of the
-    4-DOF head."""
+    """The stream that determines the window of a stop: the laser's stream, or
+    `daq.capture.head_stop.QdView` in a run of the 4-DOF head.
+    """
 
     @property
     def breaks(self) -> list[Break]: ...
@@ -82,9 +85,9 @@ def summarise(
     """Return the statistics of samples taken at ``time_s`` (seconds, ascending), both shape (n,), n
     at least 1.
 
-    ``resolution_um`` is the least step known of the instrument: the uncertainty of equal samples.
-    Samples further than five robust standard deviations from the median are left out: single wrong
-    lines must not move a stop.
+    ``resolution_um`` is the smallest known step of the instrument, used as the uncertainty of equal
+    samples. Samples further than five robust standard deviations from the median are left out:
+    single wrong lines must not change the reading of a stop.
     """
     centre = float(np.median(position_mm))
     deviation_um = (position_mm - centre) * 1e3
@@ -124,8 +127,9 @@ def inliers(deviation_um: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _resolution_um(values: NDArray[np.float64]) -> float:
-    """Return the smallest step between different values: the resolution of the instrument, as far
-    as the window shows it."""
+    """Return the smallest step in um between different values, which estimates the resolution of
+    the instrument.
+    """
     steps = np.diff(np.unique(values))
     steps = steps[steps > RESOLUTION_FLOOR_UM]
     if len(steps) == 0 or len(steps) > BLOCKS:
@@ -134,8 +138,9 @@ def _resolution_um(values: NDArray[np.float64]) -> float:
 
 
 def _trend(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the least-squares slope and its standard uncertainty, correlation of the samples
-    allowed for, per second."""
+    """Return the least-squares slope of values per second, and its standard uncertainty with the
+    correlation of the samples.
+    """
     if len(values) < LEAST_SAMPLES:
         return 0.0, 0.0
     centred = time_s - np.mean(time_s)
@@ -152,9 +157,9 @@ def _variance_inflation(residual: NDArray[np.float64]) -> float:
     """Return the factor by which correlation raises the variance of the mean over that of
     independent samples, at least 1.
 
-    The samples are taken in blocks, then the initial positive sequence of the blocks'
-    autocorrelation (Geyer 1992): vibration and slow air make neighbours similar, and a mean over
-    similar samples is worth fewer.
+    The factor comes from the initial positive sequence of the autocorrelation of block means (Geyer
+    1992): vibration and slow air make neighbouring samples similar, and similar samples count as
+    fewer.
     """
     size = max(1, len(residual) // BLOCKS)
     count = len(residual) // size
@@ -174,7 +179,7 @@ def _variance_inflation(residual: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Plateau:
-    """A stretch of quiet readings: its bounds, and its level."""
+    """A stretch of quiet readings: its bounds in time, and its mean reading."""
 
     from_ns: float
     to_ns: float
@@ -184,8 +189,9 @@ class Plateau:
 def find_plateaus(
     time_ns: NDArray[np.float64], position_mm: NDArray[np.float64], at_least_s: float
 ) -> list[Plateau]:
-    """Return the plateaus of at least a duration, in order of time. Both columns have shape (n,),
-    times ascending."""
+    """Return the plateaus that last at least ``at_least_s``, in order of time. Both columns have
+    shape (n,), times ascending.
+    """
     if not len(time_ns):
         return []
     bins = ((time_ns - time_ns[0]) // BIN_NS).astype(np.int64)
@@ -206,28 +212,32 @@ def find_plateaus(
 
 STEP_BLOCKS = 32
 LEAST_BLOCKS = 8
-"""Fewer blocks of a window cannot separate two levels from a straight line."""
+"""Least number of blocks of a window that can separate two levels from a straight line."""
 NEAR = 3
-"""Blocks compared on either side of a step: a step is sharp, a slower change is a drift."""
+"""Number of blocks compared on either side of a step."""
 SHARP = 0.7
 """Least share of a step that has to happen between neighbouring blocks: a slower change is a drift.
 """
 LEAST_STEP_UM = 0.5
-"""Smaller steps are not reported: they are within the repeatability of an ordinary machine."""
+"""Least size in um of a reported step: smaller steps are within the repeatability of an ordinary
+machine.
+"""
 UNLIKE_A_DRIFT = 0.35
-"""Two levels explain the window if their square sum is at most this share of the square sum of a
-straight line.
+"""Two levels explain the window if the square sum of their residuals is at most this share of the
+square sum for a straight line.
 """
 WRONG_SHARE = 0.01
-"""More wrong lines than `LEAST_SAMPLES` and so large a share of the window are no accident."""
+"""Share of wrong lines in a window that, with more than `LEAST_SAMPLES` wrong lines, is no
+accident.
+"""
 RESTLESS_UM = 0.02
-"""An instrument with this resolution records the movements of air and floor: in a machine hall it
-never sends one constant value for half a window.
+"""Resolution in um of an instrument that records the movements of air and floor: in a machine hall
+such an instrument never sends one constant value for half a window.
 """
 FROZEN_SAMPLES = 10
-"""Fewer equal samples in a row occur on a quiet machine by chance."""
+"""Least number of consecutive equal samples that is no chance on a quiet machine."""
 LEAVING_SHARE = 0.1
-"""Share of the samples of a standstill that may be of a move: a PLC reports the standstill for up
+"""Share of the samples of a standstill that may be from a move: a PLC reports the standstill for up
 to a scan too long.
 """
 
@@ -235,10 +245,10 @@ to a scan too long.
 def against_itself(
     position_mm: NDArray[np.float64], window: Window, resolution_um: float
 ) -> list[Message]:
-    """Return every reason to doubt a window by itself; empty for a quiet window.
+    """Return every reason in the samples to doubt a window; empty for a quiet window.
 
-    ``position_mm`` (n,) are its samples in order of time, including the outliers; ``resolution_um``
-    is the smallest step of the instrument until now.
+    ``position_mm`` (n,) are the samples of the window in order of time, including the outliers;
+    ``resolution_um`` is the smallest step of the instrument until now.
     """
     count = len(position_mm)
     if resolution_um <= RESTLESS_UM:
@@ -254,10 +264,10 @@ def against_itself(
 
 
 def _leaving(position_mm: NDArray[np.float64]) -> int:
-    """Return the number of samples at the end of a window during which the machine moves on, and
-    may then stand elsewhere.
+    """Return the number of samples at the end of a window in which the machine leaves the stop, and
+    may stand elsewhere.
 
-    A moving machine passes the places between, while a slip of the count jumps.
+    A moving machine passes the positions in between; a slip of the count jumps.
     """
     away_um = (position_mm - np.median(position_mm)) * 1e3
     staying = np.flatnonzero(inliers(away_um) | (np.sign(away_um) != np.sign(away_um[-1])))
@@ -296,8 +306,8 @@ def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _best_split(blocks: NDArray[np.float64]) -> int:
-    """Return the best place to cut a window into two levels, by least squares; not in its first or
-    last eighth.
+    """Return the index of the block at which two levels fit a window best, by least squares; not in
+    the first or last eighth.
     """
     count = len(blocks)
     first = np.arange(1, count)

@@ -1,5 +1,5 @@
-"""Machines' controls, each by its own protocol behind a common interface: Modbus, S7, LSV2.
+"""Controls of machines behind a common interface; the protocols are Modbus, S7 and LSV2.
 
-In: the ranges to read, and the period. Out: stamped blocks of registers, or the reason for none.
-Imported by recording, `check` and `setup`.
+In: the ranges to read, and the period. Out: stamped blocks of registers, or the reason why there is
+no block. Imported by recording, `check` and `setup`.
 """

@@ -1,8 +1,8 @@
-"""Protocols whose libraries wait for their answers: a thread per connection does the waiting, the
-event loop awaits its results.
+"""Protocols whose libraries wait for their answers: one thread per connection waits, and the event
+loop awaits the results of this thread.
 
-The thread does nothing else. A library that hangs costs only its own thread: after a limit the
-caller gets an error and closes the library, which ends the thread.
+A library that hangs blocks only this thread: after a time limit the caller gets an error and closes
+the library, which ends the thread.
 """
 
 import asyncio
@@ -29,7 +29,7 @@ from stepdiag.daq.timing.host_clock import stamp_ns
 
 Result = TypeVar("Result")
 CONNECT_S = 5.0
-"""Longest time of connecting in s, enough for a dozen requests and answers."""
+"""Longest time for connecting in s, enough for a dozen requests and answers."""
 _PATIENCE = 3.0
 """Longest time of a poll as a multiple of plc.timeout_s, the wait for each part of a poll."""
 
@@ -42,8 +42,8 @@ class _Job:
 
 
 class Waiter:
-    """The thread of a connection. ``hang_up`` ends a call under way, from another thread; ``close``
-    is its last call.
+    """The thread of a connection. ``hang_up`` is called from another thread and ends a running
+    call; ``close`` is the last call in the thread.
     """
 
     def __init__(
@@ -55,8 +55,8 @@ class Waiter:
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
     async def call(self, work: Callable[[], Result], limit_s: float) -> Result:
-        """Return the result of ``work``, done in the thread; raises its errors, and TimeoutError
-        after ``limit_s``.
+        """Run ``work`` in the thread and return its result. Raises the errors of ``work``, and
+        TimeoutError after ``limit_s``.
         """
         loop = asyncio.get_running_loop()
         future: asyncio.Future[Result] = loop.create_future()
@@ -75,7 +75,7 @@ class Waiter:
         return await asyncio.wait_for(future, limit_s)
 
     def end(self) -> None:
-        """End the thread, and the call that may be under way."""
+        """End the thread and a call that may be running."""
         self._jobs.put(None)
         self._hang_up()
 
@@ -92,8 +92,8 @@ class Waiter:
 
 
 class BlockingLink(ABC):
-    """A link over such a library. A protocol defines the request of a poll (`_fetch`) and the
-    writing of a word (`_write`).
+    """A link over a library that waits for answers. A protocol defines how to read a range
+    (`_fetch`) and how to write a word (`_write`).
     """
 
     def __init__(
@@ -107,9 +107,9 @@ class BlockingLink(ABC):
         self._waiter = waiter
 
     async def read(self) -> ModbusBlock:
-        """Read the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
+        """Poll the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
 
-        Raises LostConnectionError or StaleAnswerError, and RefusedRequestError where every range is
+        Raises LostConnectionError or StaleAnswerError, and RefusedRequestError if every range is
         refused.
         """
         block = await self._within(self._read)
@@ -122,18 +122,18 @@ class BlockingLink(ABC):
         await self._within(lambda: self._write(table, address, value % 65536))
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection to the control."""
         self._waiter.end()
 
     @abstractmethod
     def _fetch(self, wanted: ReadRange) -> bytes:
-        """Return the bytes of a range, in the thread. Raises RefusedRequestError where the control
-        refuses the bytes.
+        """Request the bytes of a range; called in the thread. Raises RefusedRequestError if the
+        control refuses the range.
         """
 
     @abstractmethod
     def _write(self, table: str, address: int, value: int) -> None:
-        """Write a word, in the thread."""
+        """Write a word into the control; called in the thread."""
 
     def _fetch_all(self) -> list[bytes]:
         """Return the bytes of all ranges; no bytes for a refused range."""
@@ -148,8 +148,8 @@ class BlockingLink(ABC):
         return self._whole(wanted, data)
 
     def _whole(self, wanted: ReadRange, data: bytes) -> bytes:
-        """Return the bytes of a range. Raises StaleAnswerError where their number differs from the
-        request.
+        """Return the bytes of a range. Raises StaleAnswerError if their number differs from the
+        requested number.
         """
         if len(data) != wanted.byte_count:
             remedy = message("do-made-anew")
@@ -171,8 +171,8 @@ class BlockingLink(ABC):
         return ModbusBlock(send_ns, stamp_ns(), self._ranges, data)
 
     async def _within(self, work: Callable[[], Result]) -> Result:
-        """Do the work in the thread. An answer whose bytes arrive slowly for ever is abandoned like
-        silence.
+        """Run ``work`` in the thread. An answer that is not complete in time is abandoned like a
+        missing answer.
         """
         limit_s = _PATIENCE * self._timeout_s + 1.0
         try:
@@ -184,8 +184,8 @@ class BlockingLink(ABC):
 async def opened(
     waiter: Waiter, connect: Callable[[], None], address: str, limit_s: float
 ) -> None:
-    """Connect in the thread. Raises the errors of ``connect``, LostConnectionError after
-    ``limit_s``; the thread has then ended.
+    """Run ``connect`` in the thread. Raises the errors of ``connect``, and LostConnectionError
+    after ``limit_s``; after an error the thread has ended.
     """
     try:
         await waiter.call(connect, limit_s)
@@ -209,7 +209,7 @@ def silent(address: str, waited_s: float) -> LostConnectionError:
 
 
 def not_installed(address: str, extra: str) -> LostConnectionError:
-    """Return the error for a library that is missing."""
+    """Return the error for a library that is not installed."""
     found = message("found-no-extra", name=extra)
     return LostConnectionError(
         address,
@@ -229,7 +229,7 @@ def hang_up(connection: socket.socket | None) -> None:
 def unreachable(
     error: OSError, waited_s: float, protocol: Words, firewall: Message
 ) -> tuple[Words, Message]:
-    """Return the state found instead of a connection, and the remedy."""
+    """Return the reason why there is no connection, and the remedy."""
     if isinstance(error, socket.gaierror):
         return message("found-no-name"), message("do-plc-host")
     code = errno.ETIMEDOUT if isinstance(error, TimeoutError) else error.errno or 0

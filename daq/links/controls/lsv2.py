@@ -1,8 +1,8 @@
 """Heidenhain controls over LSV2 (TCP 19000): the only user of pyLSV2 (extra ``stepdiag[lsv2]``).
 
-Values that the NC program hands to the PLC by FN 19 lie in the PLC's memory as double words, low
-byte first. Reading them needs the login PLCDEBUG, which the library's safe mode excludes together
-with writing; only reading is called here.
+Values that the NC program passes to the PLC with FN 19 lie in the PLC's memory as double words, low
+byte first. Reading this memory needs the login PLCDEBUG. The library's safe mode excludes this
+login together with writing, so safe mode is off; this module never writes.
 """
 
 import errno
@@ -46,7 +46,7 @@ _FIREWALL = message("firewall-lsv2")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lsv2Settings:
-    """A control with LSV2."""
+    """Settings of a control with LSV2."""
 
     host: str
     port: int = 19000
@@ -54,7 +54,7 @@ class Lsv2Settings:
 
     @property
     def address(self) -> str:
-        """The device in words."""
+        """Address of the control in words."""
         return f"LSV2 {self.host}:{self.port}"
 
 
@@ -116,24 +116,25 @@ class Lsv2Link(BlockingLink):
 
 @dataclass(slots=True)
 class _Line:
-    """The library's socket: a connection that ends within an answer counts as ended, and an answer
-    is no longer than its length field can state.
+    """The socket given to the library. A connection that ends within an answer raises an error, and
+    an answer has a largest length.
 
-    (The library itself would request the rest from an ended connection for ever, and reserve at
-    once as much memory as the other side states.)
+    (Without this class the library would read from an ended connection for ever, and reserve as
+    much memory as the other side states.)
     """
 
     socket: Any
     answered: int = 0
 
     def send(self, data: bytes) -> int:
-        """Send a request; its answer begins anew."""
+        """Send a request, and count the bytes of its answer from zero."""
         self.answered = 0
         return int(self.socket.send(data))
 
     def recv(self, count: int) -> bytes:
         """Return the bytes that have arrived. Raises ConnectionResetError at the end of the
-        connection, ValueError for an answer without end."""
+        connection, ValueError for too long an answer.
+        """
         data: bytes = self.socket.recv(min(count, LARGEST_READ))
         if not data:
             raise ConnectionResetError(errno.ECONNRESET, os.strerror(errno.ECONNRESET))
@@ -147,8 +148,8 @@ class _Line:
 
 
 async def open_link(settings: Lsv2Settings, ranges: Sequence[ReadRange]) -> Lsv2Link:
-    """Connect to the control, to read its ``ranges``. Raises LostConnectionError with the state
-    found instead.
+    """Connect to the control, to read its ``ranges``. Raises LostConnectionError with the reason of
+    a failure.
     """
     try:
         from pyLSV2 import LSV2
@@ -222,11 +223,11 @@ def _unanswered(settings: Lsv2Settings) -> DeviceError:
 
 
 def _senseless(address: str, error: Exception) -> DeviceError:
-    """Return the error for an answer outside this protocol: the library raises whatever error its
-    parser meets.
+    """Return the error for an answer outside the protocol, for which the library may raise any
+    error.
 
-    The connection is closed: answers have no number, and the rest of this answer would count as the
-    next.
+    The connection is then closed: answers have no number, and the rest of this answer would be read
+    as the next answer.
     """
     remedy = message("do-other-product")
     found = message("found-other-bytes", bytes=f"{type(error).__name__}: {str(error)[:120]}")
@@ -236,7 +237,7 @@ def _senseless(address: str, error: Exception) -> DeviceError:
 
 
 def _answer_of(client: "LSV2") -> Message:
-    """Return the name of the control's last refusal."""
+    """Return the message for the control's last refusal."""
     return message("found-refusal", what=client.last_error.e_code.name)
 
 
@@ -250,8 +251,8 @@ def _is_of_others(record: logging.LogRecord) -> bool:
 
 
 def _hush() -> None:
-    """Keep the library's log entries, partly by the root logger, out of the journal: the
-    reconnector reports its errors once.
+    """Keep the library's log entries, some of them from the root logger, out of the journal: the
+    reconnector reports the errors once.
     """
     for name in ("LSV2 Client", "LSV2 TCP"):
         logging.getLogger(name).setLevel(logging.CRITICAL)

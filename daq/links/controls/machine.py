@@ -1,5 +1,5 @@
-"""One way to every control: a link is opened, read, maybe written to, closed, with any protocol of
-the control.
+"""The common interface to every control: open a link, read, perhaps write, and close, whatever the
+protocol.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,10 +24,10 @@ class MachineLink(Protocol):
         ...
 
     async def read(self) -> ModbusBlock:
-        """Read the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
+        """Poll the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
 
-        Raises RefusedRequestError where every range is refused, another DeviceError where the
-        control does not answer.
+        Raises RefusedRequestError if every range is refused, another DeviceError if the control
+        does not answer.
         """
         ...
 
@@ -36,13 +36,13 @@ class MachineLink(Protocol):
         ...
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection to the control."""
         ...
 
 
 async def open_machine(settings: MachineSettings, ranges: Sequence[ReadRange]) -> MachineLink:
-    """Connect to the control, to read its ``ranges``. Raises DeviceError for an absent or refusing
-    control.
+    """Connect to the control, to read its ``ranges``. Raises DeviceError if the control is absent
+    or refuses.
     """
     if isinstance(settings, s7.S7Settings):
         return await s7.open_link(settings, ranges)

@@ -1,8 +1,8 @@
 """The machine's Modbus: the only user of pymodbus (3.16; its API changes within a major version).
 
 One connection reads a block of ranges with the same requests at every poll. The wait for answers is
-short and pymodbus retries nothing: a failed poll is reported as failed, and the next poll reads the
-present.
+short, and pymodbus repeats no request: a failed poll is reported as failed, and the next poll reads
+the present values.
 """
 
 import asyncio
@@ -44,14 +44,16 @@ logging.getLogger("pymodbus.logging").setLevel(
 
 _FIREWALL = message("firewall-modbus")
 CONNECT_S = 2.0
-"""Least time for connecting in s, for short time-outs too: TCP asks again after one second if the
-first packet was lost (RFC 6298, 2.1).
+"""Least time for connecting in s, however short the time-out for answers: TCP repeats a lost first
+packet after one second (RFC 6298, 2.1).
 """
 RTU_WORST_ANSWER_S = 1.0
-"""Longest wait for a late answer on a serial line in s; a later answer is found by its length."""
+"""Longest wait in s for a late answer on a serial line; an answer after this time is recognised by
+its length.
+"""
 _ATTEMPTS_TO_GET_IN_STEP = 3
-"""Number of probes before the link is abandoned; from the second on, each waits
-`RTU_WORST_ANSWER_S`.
+"""Number of probes (`_probe`) before the link is abandoned; from the second probe on, the wait
+before each is `RTU_WORST_ANSWER_S`.
 """
 _WRITE_REGISTERS = 0x10
 _READS: dict[str, tuple[str, int]] = {
@@ -65,7 +67,7 @@ Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TcpSettings:
-    """A Modbus server on the network."""
+    """Settings of a Modbus server on the network."""
 
     host: str
     port: int = 502
@@ -81,8 +83,9 @@ class TcpSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RtuSettings:
-    """A Modbus slave on a serial line; ``port`` may be ``socket://host:port``, a terminal
-    server's."""
+    """Settings of a Modbus slave on a serial line; ``port`` may be the ``socket://host:port`` of a
+    terminal server.
+    """
 
     port: str
     baud: int = 19200
@@ -105,9 +108,9 @@ class ModbusLink:
     """A connection to the machine; made by `open_link`, ended by ``close``.
 
     A serial line carries no transaction number: without a check, a late answer would be assigned to
-    the next request, and so would every answer after it, without an error. So every answer must
-    have the expected length, and after any other answer the line is brought back in step before the
-    next request.
+    the next request, and every later answer to the request after its own, without an error. So
+    every answer must have the expected length. After an answer of another length the line is
+    synchronised before the next request.
     """
 
     def __init__(
@@ -128,10 +131,10 @@ class ModbusLink:
         """The ranges refused in the last poll."""
 
     async def read(self) -> ModbusBlock:
-        """Read the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
+        """Poll the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
 
         Raises SilentDeviceError, StaleAnswerError or LostConnectionError, and RefusedRequestError
-        where every range is refused.
+        if every range is refused.
         """
         async with self._turn:
             await self._get_in_step()
@@ -144,10 +147,10 @@ class ModbusLink:
         return ModbusBlock(send_ns, recv_ns, self._ranges, data)
 
     async def write_word(self, table: str, address: int, value: int) -> None:  # noqa: ARG002 - a control takes words in holding registers alone
-        """Write the low 16 bits of ``value`` into a holding register, by function code 10h, which
-        every control that can be written serves.
+        """Write the low 16 bits of ``value`` into a holding register, with function code 10h, which
+        every writable control supports.
 
-        Raises as ``read`` does.
+        Raises the errors of ``read``.
         """
         async with self._turn:
             await self._get_in_step()
@@ -168,7 +171,7 @@ class ModbusLink:
             self._in_step = True
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection to the control."""
         self._client.close()
 
     async def _read_or_refuse(self, wanted: ReadRange) -> bytes:
@@ -198,12 +201,12 @@ class ModbusLink:
         )
 
     async def _exchange(self, request: Callable[[], Awaitable[ModbusPDU]]) -> ModbusPDU:
-        """Ask and await the answer. The caller checks the answer; until then, and after a
+        """Send a request and await its answer. Until the caller has checked the answer, and after a
         cancellation, answers may belong to earlier requests.
         """
         self._in_step = isinstance(self._settings, TcpSettings)
         try:
-            answer = await request()  # without a connection the call itself raises
+            answer = await request()  # without a connection ``request`` itself raises
         except (ModbusException, OSError) as error:
             self.lateness.given_up()
             if self._client.connected:
@@ -221,9 +224,9 @@ class ModbusLink:
     async def _get_in_step(self) -> None:
         """Ensure that the next answer belongs to the next request.
 
-        Late answers are waited for and fall on deaf ears. Then a read whose answer has another
-        length than any range must be answered with that length: a slave answers in order, so
-        nothing older can come after it. An exception answers it as well.
+        Late answers are awaited and discarded. Then a probe is sent, a read with a length that no
+        range has, and an answer of this length is the probe's answer. A slave answers in order, so
+        no older answer can follow. An exception counts as the probe's answer too.
         """
         for _ in range(_ATTEMPTS_TO_GET_IN_STEP):
             if self._in_step:
@@ -258,10 +261,11 @@ async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> Mo
 
 
 async def _nobody(settings: ModbusSettings) -> LostConnectionError:
-    """Return the reason for a missing connection: the library hides the reason, so the program
+    """Return the reason for a missing connection. The library hides the reason, so this function
     connects once more.
 
-    A name server that does not answer has no time limit: its thread is left running.
+    Looking up a name has no time limit: its thread is left running if the name server does not
+    answer.
     """
     if isinstance(settings, TcpSettings):
         asking = Waiter("modbus again", lambda: None, lambda: None)
@@ -285,8 +289,8 @@ async def _nobody(settings: ModbusSettings) -> LostConnectionError:
 
 
 def answer_within(client: Client, timeout_s: float) -> None:
-    """Have the client wait this long for answers from now on; the client has a common time for
-    connecting and for answers.
+    """Set the client's time limit for answers; while connecting, the same setting limits the time
+    for connecting.
     """
     client.ctx.comm_params.timeout_connect = timeout_s
 
@@ -325,7 +329,7 @@ def _client(settings: ModbusSettings, lateness: Lateness) -> Client:
 
 
 def _wire_bytes(wanted: ReadRange, answer: ModbusPDU) -> bytes | None:
-    """Return the data of an answer in wire order; None where it cannot be the answer to
+    """Return the data of an answer in wire order; None if the answer cannot belong to the request
     ``wanted``.
     """
     if answer.function_code != _READS[wanted.table][1]:
@@ -339,7 +343,7 @@ def _wire_bytes(wanted: ReadRange, answer: ModbusPDU) -> bytes | None:
 
 
 def _probe(ranges: Sequence[ReadRange]) -> ReadRange:
-    """Return a read at the first range with a length of answer that no range has."""
+    """Return a probe: a read at the address of the first range, with a length that no range has."""
     first = ranges[0] if ranges else ReadRange("holding", 0, 1)
     lengths = {wanted.byte_count for wanted in ranges}
     unit = 8 if first.table in ("coil", "discrete") else 1

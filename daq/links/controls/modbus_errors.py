@@ -1,4 +1,4 @@
-"""Failures of Modbus, in words for the person at the machine.
+"""Failures of Modbus, with messages for the person at the machine.
 
 DeviceError
 ├── LostConnectionError    nobody there, or the connection ended
@@ -17,7 +17,7 @@ class LostConnectionError(DeviceError):
 
 
 class SilentDeviceError(DeviceError):
-    """Connected, but no answer came in time."""
+    """The device is connected, but sent no answer in time."""
 
 
 class StaleAnswerError(DeviceError):
@@ -29,10 +29,10 @@ class RefusedRequestError(DeviceError):
 
 
 class WrongUnitError(RefusedRequestError):
-    """The gateway reaches no device of that unit id."""
+    """The gateway reaches no device with the unit id of the request."""
 
 
-# Modbus Application Protocol V1.1b3, section 7: the codes and what they mean.
+# Exception codes and their meaning (Modbus Application Protocol V1.1b3, section 7).
 _REFUSALS = {
     1: (message("mb-function"), message("do-other-table")),
     2: (message("mb-address"), message("do-register-map")),
@@ -44,8 +44,9 @@ _GATEWAY_CODES = {10: message("mb-gateway-path"), 11: message("mb-gateway-target
 
 
 def refusal(device: str, what: Message, code: int) -> RefusedRequestError:
-    """Return the error for exception reply ``code`` to ``what`` (``reading 10 of table holding from
-    0``)."""
+    """Return the error for the exception reply ``code`` to the request ``what`` (``reading 10 of
+    table holding from 0``).
+    """
     if code in _GATEWAY_CODES:
         found = message("modbus-exception", code=code, what=_GATEWAY_CODES[code])
         return WrongUnitError(
@@ -66,8 +67,8 @@ def refusal(device: str, what: Message, code: int) -> RefusedRequestError:
 def silence(
     device: str, timeout_s: float, *, serial: bool, late: Words = ""
 ) -> SilentDeviceError:
-    """Return the error for a missing answer; ``late`` states that answers arrive after this
-    time.
+    """Return the error for a missing answer; ``late`` is the remedy if answers arrive after
+    ``timeout_s``.
     """
     if late:
         return SilentDeviceError(
@@ -117,8 +118,8 @@ def lost(device: str) -> LostConnectionError:
 
 
 def stale(device: str, late: Words = "") -> StaleAnswerError:
-    """Return the error for an answer that belongs to another request; ``late`` is the delay of late
-    answers.
+    """Return the error for an answer that belongs to another request; ``late`` is the remedy for
+    late answers.
     """
     remedy = late or message("do-timeout")
     return StaleAnswerError(

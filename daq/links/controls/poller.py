@@ -1,4 +1,4 @@
-"""Polling the machine on a fixed schedule, as a session that a Reconnector keeps running."""
+"""Polls the machine on a fixed schedule, in sessions that a Reconnector repeats."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -28,9 +28,9 @@ still be starting.
 class MachinePoller:
     """Reads the ranges every ``period_s`` and passes on each block, in the event loop.
 
-    The schedule starts at the first poll; polls due while another poll is under way are left out,
-    never queued. ``on_written`` receives the result of every register written: the reason of a
-    refusal, or nothing for success.
+    The schedule starts at the first poll; a poll that is due while another poll runs is left out,
+    never queued. ``on_written`` is called after every write of a register, with the reason of a
+    refusal, or without a reason after a success.
     """
 
     def __init__(
@@ -51,8 +51,8 @@ class MachinePoller:
         self._late_s = 0.0
 
     async def session(self, report: Report) -> None:
-        """Connect and poll until the device is lost or does not answer three times in a row. Raises
-        DeviceError.
+        """Connect and poll until the device is lost or leaves three polls in a row unanswered.
+        Raises DeviceError.
         """
         link = await open_machine(self._settings, self._ranges)
         try:
@@ -61,8 +61,8 @@ class MachinePoller:
             link.close()
 
     def write_soon(self, table: str, address: int, value: int) -> None:
-        """Write one word at once, or as soon as there is a connection and no poll is under way;
-        only the latest value is written.
+        """Write one word as soon as there is a connection and no poll runs; a later word replaces a
+        waiting word.
         """
         self._pending = (table, address, value)
         _end(self._rest)
@@ -91,8 +91,8 @@ class MachinePoller:
             due += self._period_s * max(1, -((due - clock()) // self._period_s))
 
     def _say_late(self, link: MachineLink) -> None:
-        """Report answers that arrive after their time-out, and again whenever the delay grows by
-        half.
+        """Report that answers arrive after their time-out, and report it again whenever the delay
+        has grown by half.
         """
         if link.lateness.after_s > LATER * self._late_s:
             self._late_s = link.lateness.after_s
@@ -103,7 +103,7 @@ class MachinePoller:
             )
 
     async def _until(self, due: float, link: MachineLink) -> None:
-        """Sleep until a poll is due; write the pending handshake meanwhile."""
+        """Sleep until a poll is due; meanwhile write the pending word of the handshake."""
         raise_if_cancelled()
         loop = asyncio.get_running_loop()
         while loop.time() < due:
@@ -118,7 +118,7 @@ class MachinePoller:
                 timer.cancel()
 
     async def _write_pending(self, link: MachineLink) -> None:
-        """Write the pending registers. A refused register is not written again: polling goes on
+        """Write the pending word. A refused register is not written again: polling continues
         without the handshake.
         """
         pending = self._pending
@@ -141,7 +141,7 @@ def _end(rest: asyncio.Future[None] | None) -> None:
 
 
 def _describe(link: MachineLink, settings: MachineSettings) -> Words:
-    """Return the address, the refused parts of the block, and the delay of the answers."""
+    """Return the control's address, the refused ranges, and the delay of the answers, in words."""
     late = link.lateness.words
     if not (late or link.refusals):
         return settings.address

@@ -44,8 +44,9 @@ logging.getLogger("snap7").setLevel(
 
 Result = TypeVar("Result")
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 30.0
-"""A refused range is requested again after a second, then after twice as long each time: the block
-may be loaded meanwhile. The poll with this request does not belong to a single moment.
+"""First and longest time in s until a refused range is requested again; the time doubles at each
+refusal. The data block may be loaded meanwhile. The values of a poll with this request are not from
+a single moment.
 """
 _FIREWALL = message("firewall-s7")
 _REFUSED = re.compile(r"failed: (?P<words>.+) \(0x(?P<code>[0-9a-f]{2})\)\Z")
@@ -59,7 +60,7 @@ _OTHER = re.compile(r"TPKT version|protocol ID")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class S7Settings:
-    """A control with S7."""
+    """Settings of a control with S7."""
 
     host: str
     port: int = 102
@@ -69,13 +70,13 @@ class S7Settings:
 
     @property
     def address(self) -> str:
-        """The device in words."""
+        """Address of the control in words."""
         return f"S7 {self.host}:{self.port} rack {self.rack} slot {self.slot}"
 
 
 class S7Link(BlockingLink):
-    """One connection to the control; made by `open_link`, ended by ``close``. ``clock`` returns
-    seconds.
+    """One connection to the control; made by `open_link`, ended by ``close``. ``clock`` returns the
+    present time in s.
     """
 
     def __init__(
@@ -94,8 +95,8 @@ class S7Link(BlockingLink):
         self._wait_s = AGAIN_FIRST_S
 
     def _fetch_all(self) -> list[bytes]:
-        """Request all ranges at once. If the control refuses a part, each range is requested
-        separately now and then, and the accepted ranges together.
+        """Request all ranges at once. If the control refuses a range, the accepted ranges are
+        requested at once, and from time to time each range separately.
         """
         wanted = [each for each in self._ranges if each not in self._refused]
         if wanted and not (self._refused and self._clock() >= self._again_s):
@@ -108,7 +109,7 @@ class S7Link(BlockingLink):
         return self._each_alone(None)
 
     def _together(self, wanted: list[ReadRange]) -> dict[ReadRange, bytes]:
-        """Return the bytes of ranges, all from one moment."""
+        """Return the bytes of the ranges, all of the same moment."""
         from snap7.type import Area
 
         items = [
@@ -129,8 +130,8 @@ class S7Link(BlockingLink):
         }
 
     def _each_alone(self, refusal: RefusedRequestError | None) -> list[bytes]:
-        """Find the refused ranges; the values of this poll are not from one moment. Raises the
-        refusal that none of the ranges explains.
+        """Request each range separately to find the refused ranges; the values are then not of the
+        same moment. Raises ``refusal`` if no single range is refused.
         """
         data = super()._fetch_all()
         self._refused, self._again_s = dict(self.refusals), self._clock() + self._wait_s
@@ -174,8 +175,8 @@ class S7Link(BlockingLink):
 
 
 async def open_link(settings: S7Settings, ranges: Sequence[ReadRange]) -> S7Link:
-    """Connect to the control, to read its ``ranges``. Raises LostConnectionError with the state
-    found instead.
+    """Connect to the control, to read its ``ranges``. Raises LostConnectionError with the reason of
+    a failure.
     """
     try:
         from snap7.client import Client
@@ -207,7 +208,7 @@ def _connect(client: "Client", settings: S7Settings) -> None:
 
 
 def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
-    """Return the obstacle to a connection, in words."""
+    """Return the error for a connection that could not be made."""
     from snap7.error import S7TimeoutError
 
     if isinstance(error.__context__, OSError) and not isinstance(error, S7TimeoutError):
@@ -241,8 +242,8 @@ def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
 
 
 def _refusal(address: str, what: Message, error: Exception) -> DeviceError:
-    """Return the failure of a request: a refusal by the control, bytes that cannot be decoded, or
-    the end of the connection.
+    """Return the error for a failed request: a refusal by the control, bytes that cannot be
+    decoded, or the end of the connection.
     """
     refused = _REFUSED.search(str(error))
     if refused is not None:

@@ -1,4 +1,4 @@
-"""Ports by name: a serial port of this computer, or a line that another computer or a terminal
+"""Names of ports: serial ports of this computer, and lines that another computer or a terminal
 server offers on the network.
 
 /dev/serial/by-id/...       a port of this computer socket://host:port          the bytes of the
@@ -63,8 +63,8 @@ def host_and_port(text: str, usual_port: int = 0) -> tuple[str, int] | None:
 
 
 def require_host_and_port(option: str, text: str, usual_port: int) -> tuple[str, int]:
-    """Return host and port as `host_and_port` reads them. Raises UsageError that names ``option``,
-    for any other text.
+    """Return host and port of a text (`host_and_port`). Raises UsageError that names ``option`` for
+    any other text.
     """
     found = host_and_port(text, usual_port)
     if found is None:
@@ -73,8 +73,7 @@ def require_host_and_port(option: str, text: str, usual_port: int) -> tuple[str,
 
 
 def can_be_host(name: str) -> bool:
-    """Return whether a name can be looked up: every part of it between two dots has 1 to 63
-    letters.
+    """Return whether a host name can be looked up: every part between two dots has 1 to 63 letters.
 
     For other names Python raises an error that is not a network error.
     """

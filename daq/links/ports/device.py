@@ -26,14 +26,14 @@ class SerialSettings:
 
 
 LossKind = Literal["lost-port", "lost-system", "lost-framing", "lost-parity", "lost-break"]
-"""The message of a loss of bytes."""
+"""Kind of a loss of bytes, as the code of its message."""
 
 
 class Device(Protocol):
     """An open line, used by one thread."""
 
     detail: Message
-    """The line in words, shown to the operator when the line is open."""
+    """Description of the open line, shown to the operator."""
     low_latency: bool
     """Whether bytes arrive at once, instead of after the 16 ms for which a USB adapter may hold
     them.
@@ -44,22 +44,22 @@ class Device(Protocol):
         ...
 
     def read(self, *, ready: bool) -> bytes:
-        """Return the waiting bytes; nothing where no byte of the line arrived within `BUSY_WAIT_S`.
+        """Return the waiting bytes; empty if no byte of the line arrived within `BUSY_WAIT_S`.
 
-        ``ready`` is what poll(2) returned. Raises OSError where the line is lost.
+        ``ready`` is the result of poll(2). Raises OSError if the line is lost.
         """
         ...
 
     def write(self, data: bytes) -> None:
-        """Send ``data``. Raises OSError where the line is gone."""
+        """Send ``data``. Raises OSError if the line is lost."""
         ...
 
     def lost(self) -> dict[LossKind, int]:
-        """Return the number of losses since the line was opened, by kind, as the line counts them;
-        empty for a line that does not count. Any thread.
+        """Return the line's own counts of losses since its opening, by kind; empty for a line that
+        does not count. May be called from any thread.
         """
         ...
 
     def close(self) -> None:
-        """Close it."""
+        """Close the line."""
         ...

@@ -1,4 +1,4 @@
-"""Lateness of a device's answers, by the bytes that arrive after the time-out."""
+"""Lateness of a device's answers, measured on the bytes that arrive after the time-out."""
 
 import time
 from collections.abc import Callable
@@ -6,16 +6,18 @@ from collections.abc import Callable
 from stepdiag.base.messages import Words, message
 
 TRANSACTIONS_KEPT = 64
-"""Number of requests whose time is kept: a later answer has no measured delay."""
+"""Number of newest requests whose time is kept: the answer to an older request has no measured
+delay.
+"""
 
 
 class Lateness:
-    """Watches sent and received bytes. ``after_s`` is the time from the request to its latest late
-    answer, else 0.
+    """Watches sent and received bytes. ``after_s`` is the time in s from a request to its answer,
+    for the latest late answer; 0 without one.
 
     Answers over TCP carry the number of their request (``numbered``). On a serial line, bytes that
-    arrive outside a wait belong to the previous request. An answer during a later wait shows by its
-    length that it belongs to an earlier request (`ModbusLink`).
+    arrive outside a wait belong to the previous request. `ModbusLink` recognises by its length an
+    answer to an earlier request that arrives during a later wait.
     """
 
     def __init__(

@@ -1,5 +1,5 @@
-"""A line on the network: ``socket://host:port`` raw, ``rfc2217://host:port`` with its settings
-(`daq.links.ports.device.Device`).
+"""A line on the network: ``socket://host:port`` raw, ``rfc2217://host:port`` with the settings of
+the line (`daq.links.ports.device.Device`).
 
 A terminal server without power sends nothing, just like an instrument that is switched off. So the
 kernel probes the other end (keep-alive), and a line without an answer for ten seconds is lost and
@@ -27,13 +27,15 @@ from stepdiag.daq.links.ports.device import (
 from stepdiag.daq.links.ports.rfc2217 import ComPort
 
 CONNECT_S = 3.0
-"""Longest time of connecting in s: a firewall may drop a connection without an answer."""
+"""Longest time for connecting in s: a firewall may drop a connection without an answer."""
 AGREE_S = 2.0
 """Longest time in s until a terminal server accepts the settings of its line."""
 _SHOWN = 12
-"""Number of foreign bytes that a message shows."""
+"""Number of bytes outside Telnet that a message shows."""
 ALIVE_AFTER_S, ALIVE_EVERY_S, ALIVE_TIMES = 4, 2, 3
-"""Seconds to the first probe and between probes, and their number: ten seconds in all."""
+"""Time in s to the first keep-alive probe, time in s between probes, and number of probes: ten
+seconds in all.
+"""
 _REMEDIES = {
     errno.ECONNREFUSED: message("do-nothing-listens"),
     errno.EHOSTUNREACH: message("do-nobody-address"),
@@ -108,7 +110,7 @@ class NetworkPort:
 
 
 class Rfc2217Port(NetworkPort):
-    """The same line through Telnet with the com port option."""
+    """A line on the network through Telnet with the com port option."""
 
     def __init__(self, name: str, connection: socket.socket, codec: ComPort) -> None:
         super().__init__(name, connection)
@@ -148,8 +150,8 @@ def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
     """Return the line after the terminal server has accepted its settings. Raises DeviceError if
     the server refuses.
 
-    Bytes of the instrument from before the acceptance were read with other settings and are left
-    out.
+    Bytes of the instrument from before the acceptance were received with other settings and are
+    left out.
     """
     codec, other, until_s = ComPort(settings), b"", time.monotonic() + AGREE_S
     connection.sendall(codec.opening())
@@ -175,7 +177,7 @@ def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
 
 
 def _heard(codec: ComPort, other: bytes) -> Message:
-    """Return the answer received instead of an acceptance."""
+    """Return the message about the bytes received instead of an acceptance."""
     if codec.speaks:
         return message("found-no-agreement", seconds_s=AGREE_S)
     return (

@@ -1,4 +1,5 @@
-"""An open port on any device: waiting for bytes, being interrupted, and the message of its loss.
+"""An open port on any device: waits for bytes, interruption of a wait, and the error of a lost
+port.
 
 A wait is one poll(2); on a busy line the read itself waits.
 """
@@ -40,7 +41,7 @@ class OpenPort:
 
     @property
     def wanted(self) -> bool:
-        """Whether the port is not released yet."""
+        """Whether the port is still wanted: `release` was not called."""
         return not self._released.is_set()
 
     def read(self, timeout_s: float) -> bytes:
@@ -64,14 +65,14 @@ class OpenPort:
         return self._take(ready=False)
 
     def write(self, data: bytes) -> None:
-        """Send ``data`` and wait until it has left."""
+        """Send ``data`` and wait until the last byte has left."""
         try:
             self._device.write(data)
         except OSError as error:
             raise _loss(self.name, system_words(error)) from error
 
     def pause(self, seconds: float) -> None:
-        """Wait, but not beyond the release of the port, nor during a hurry."""
+        """Wait; `release` and `hurry` end the wait."""
         if self._rung.poll(max(seconds, 0.0) * 1e3):
             self._quiet()
 
@@ -83,14 +84,12 @@ class OpenPort:
                 self._rang = True
 
     def lost(self) -> dict[LossKind, int]:
-        """Return the line's own counts of its losses (`Device.lost`); empty for a closed line. From
-        any thread.
-        """
+        """Return the line's own counts of its losses (`Device.lost`); empty for a closed line."""
         with self._closing:
             return {} if self._closed else self._device.lost()
 
     def release(self) -> None:
-        """Release the port; ends every pause and read from now on."""
+        """Release the port: from now on every pause and read ends at once."""
         self._released.set()
         self.hurry()
 
@@ -115,7 +114,7 @@ class OpenPort:
         return data
 
     def _quiet(self) -> None:
-        """Reset the interruption, unless it is final."""
+        """Reset the interruption; the interruption by `release` stays."""
         with self._closing:
             self._rang = self._released.is_set()
             if not self._rang:

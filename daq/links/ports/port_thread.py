@@ -16,12 +16,12 @@ SILENT_AFTER_S = 2.0
 """Time in s without a byte after which a line counts as silent."""
 _WATCH_S = 0.25
 _END_TIMEOUT_S = 2.0
-"""Longest wait in s for a thread that hangs in the kernel; then it is left to end by itself, as a
+"""Longest wait in s for a thread that hangs in the kernel; after it, the thread is left behind as a
 daemon thread.
 """
 EVERY_S = 60.0
-"""A line with steady errors reports them once in this time in s, with all errors since the last
-report.
+"""Least time in s between two reports of a line with steady losses; a report holds all losses since
+the previous report.
 """
 
 
@@ -31,7 +31,8 @@ _T = TypeVar("_T")
 class Losses:
     """The losses of a line, reported at readable intervals.
 
-    Turns counts that only grow since the opening of a line into the losses since the last report.
+    The line's counts grow from its opening on; this class returns their growth since the last
+    report.
     """
 
     def __init__(self) -> None:
@@ -39,9 +40,10 @@ class Losses:
         self._rests_until_s = 0.0
 
     def news(self, counted: Mapping[LossKind, int], now_s: float) -> tuple[Message, ...]:
-        """Return the losses since the last report: the first at once, then at most every `EVERY_S`.
+        """Return the losses since the last report: the first losses at once, later losses at most
+        every `EVERY_S`.
 
-        ``counted`` holds how often each kind of loss came since the line was opened.
+        ``counted`` holds the number of losses of each kind since the line was opened.
         """
         more = {
             kind: count - self._reported.get(kind, 0)
@@ -56,7 +58,7 @@ class Losses:
 
 
 class PortThread:
-    """Opens a port in a separate thread, works on it and closes it there. An object is used once.
+    """Opens a port in a separate thread, works on it and closes it there. Each object runs once.
 
     The thread cannot end unnoticed: when ``work`` ends, ``serve`` ends too, with the same
     exception.
@@ -131,6 +133,8 @@ class PortThread:
             port.close()
 
     def _tell(self, future: asyncio.Future[_T], value: _T) -> None:
-        """Set a result from the thread; a closed loop no longer needs the result."""
+        """Set the result of a future from the thread; a closed event loop no longer needs the
+        result.
+        """
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(future.set_result, value)

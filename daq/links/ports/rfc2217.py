@@ -1,9 +1,9 @@
 """RFC 2217, the com port option of Telnet: a serial line of a terminal server with its settings.
-Bytes in, bytes out; no socket here.
+The module converts bytes to bytes and uses no socket.
 
 Telnet commands begin with IAC (255); IAC IAC is one byte 255 of data (RFC 854). The line carries
-data in both directions, so both sides are asked for binary transmission (RFC 856). Option 44
-carries the settings, and each answer states the valid value (RFC 2217, 3).
+data in both directions, so the program requests binary transmission for both (RFC 856). Option 44
+carries the settings, and the answer to each setting states the value in force (RFC 2217, 3).
 """
 
 import struct
@@ -18,21 +18,21 @@ _OURS = (_BINARY, _SUPPRESS_GO_AHEAD, _COM_PORT)
 _THEIRS = (_BINARY, _SUPPRESS_GO_AHEAD)
 _BAUD, _SIZE, _PARITY, _STOP, _CONTROL = 1, 2, 3, 4, 5
 _SERVER = 100
-"""Number added to a command in its answer."""
+"""Number that the server adds to a command's code in its answer."""
 _PARITIES = {"N": 1, "O": 2, "E": 3}
 _NO_FLOW_CONTROL = 1
 _DTR, _RTS = {True: 8, False: 9}, {True: 11, False: 12}
 _NAMES = {_BAUD: "baud", _SIZE: "data bits", _PARITY: "parity", _STOP: "stop bits"}
 _LONGEST_COMMAND = 256
-"""Largest number of bytes kept of a subnegotiation: a server that sends no end mark must not fill
+"""Largest number of stored bytes of a subnegotiation: a server that sends no end mark must not fill
 the memory.
 """
 State = Literal["data", "iac", "option", "command", "command-iac"]
 
 
 class ComPort:
-    """A connection: its answers, and the data of the line in the received bytes. Any split of the
-    bytes gives the same result.
+    """The Telnet part of a connection: finds the data of the line in the received bytes, and makes
+    the answers. The result does not depend on how the bytes are split.
     """
 
     def __init__(self, settings: SerialSettings) -> None:
@@ -44,7 +44,7 @@ class ComPort:
         self._asked: dict[int, bytes] = {}
         self._agreed: set[int] = set()
         self.speaks = False
-        """Whether the other side has sent anything in Telnet."""
+        """Whether the other side has sent a Telnet command."""
         self.refused: Message | None = None
         """Why the line cannot be used with these settings; None while no answer contradicts
         them.
@@ -52,12 +52,12 @@ class ComPort:
 
     @property
     def settled(self) -> bool:
-        """Return whether every setting is accepted."""
+        """Return whether the server has accepted every setting."""
         return bool(self._asked) and self._agreed >= set(self._asked)
 
     @property
     def agreed(self) -> Message:
-        """Return the settings in words."""
+        """Return the accepted settings in words."""
         line = self._settings
         return message(
             "line-agreed",
@@ -66,19 +66,19 @@ class ComPort:
         )
 
     def opening(self) -> bytes:
-        """Return the first bytes to send."""
+        """Return the bytes to send first on a new connection."""
         return b"".join(bytes((_IAC, _WILL, option)) for option in _OURS) + b"".join(
             bytes((_IAC, _DO, option)) for option in _THEIRS
         )
 
     def answers(self) -> bytes:
-        """Return the answer to the received bytes, once."""
+        """Return the answers to the received bytes, each once."""
         data = bytes(self._answers)
         self._answers.clear()
         return data
 
     def escaped(self, data: bytes) -> bytes:
-        """Return data of the line in the form in which they are sent."""
+        """Return data for the line in the form in which Telnet sends them."""
         return data.replace(b"\xff", b"\xff\xff")
 
     def feed(self, data: bytes) -> bytes:
@@ -138,7 +138,7 @@ class ComPort:
             self._answers += bytes((_IAC, _DONT, option))
 
     def _ask(self) -> None:
-        """Ask for every setting of the line."""
+        """Request every setting of the line."""
         line = self._settings
         self._asked = {
             _BAUD: struct.pack(">I", line.baud),
@@ -158,7 +158,7 @@ class ComPort:
             )
 
     def _heed(self, command: bytes) -> None:
-        """Process the answer to a setting."""
+        """Process the server's answer to a setting."""
         if len(command) < 3 or command[0] != _COM_PORT:
             return
         which, value = command[1] - _SERVER, command[2:]

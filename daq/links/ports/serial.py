@@ -1,8 +1,8 @@
 """Serial lines: a thread that reads and stamps, an event loop that supervises the thread.
 
-The reading thread takes the stamp right after the read: after a queue it would be late by
-milliseconds whenever other Python code is busy. A read takes all waiting bytes in one call; reading
-lines would cost three hundred times more.
+The reading thread takes the stamp right after the read: a stamp taken behind a queue would be late
+by milliseconds whenever other Python code is busy. A read takes all waiting bytes in one call;
+reading lines would cost three hundred times more.
 """
 
 import time
@@ -26,39 +26,41 @@ from stepdiag.daq.timing.samples import (
 ANSWER_TIMEOUT_S = 0.5
 """Longest time in s for the first byte of an answer of a polled instrument."""
 PLAIN_GAP_S, LOW_LATENCY_GAP_S = 0.02, 0.005
-"""Silence in s that ends an answer: longer than the 16 ms for which a USB adapter may hold bytes,
-unless the survey file states another.
+"""Silence in s that ends an answer, on a plain and on a low-latency line, unless the survey file
+states another time. A plain USB adapter may hold bytes for 16 ms.
 """
 GATHER_S = 0.02
-"""Bytes that arrive within this time in s are one chunk: a chunk for each of a thousand lines a
-second would cost an eighth of a core.
+"""Bytes that arrive within this time in s form one chunk: a separate chunk for each of a thousand
+lines a second would cost an eighth of a core.
 """
 LARGEST_CHUNK = 16_384
-"""Largest chunk in bytes: even one of the shortest lines only is processed in a tenth of a
+"""Largest chunk in bytes: even a chunk of the shortest lines is processed in a tenth of a
 second.
 """
 BUSY_BYTES_PER_S = 100_000
-"""Above this rate the reader neither sleeps while it gathers bytes nor queries the number of
+"""Rate above which the reader neither sleeps while it gathers bytes nor queries the number of
 waiting bytes: a pty holds 4 KiB.
 """
 NEVER_SILENT_S = 3.0
-"""Longest time in s for which a line may continue to send after a missing answer; its bytes of this
-time are discarded.
+"""Longest time in s for which a line may continue to send after a missing answer; the bytes
+received in this time are discarded.
 """
 _READ_S = 0.02
-"""The longest wait of a read; after as long a silence the gathered bytes are passed on."""
+"""Longest wait of a read in s; after a silence of this length the gathered bytes are passed on."""
 
 Respond = Callable[[bytes], bytes]
-"""Takes received bytes, returns the answer to them; empty for no answer."""
+"""A function that takes received bytes and returns the answer to send; empty for no answer."""
 OnChunk = Callable[[bytes, int], None]
-"""Takes bytes and their time (`daq.timing.host_clock`, ns, whole microseconds). Called in the
-reading thread; an exception ends it."""
+"""A function that takes bytes and their time (`daq.timing.host_clock`, ns, whole microseconds). It
+is called in the reading thread, and its exception ends this thread.
+"""
 
 
 class SerialStream:
-    """A line whose instrument sends by itself; a Reconnector runs its ``session``.
+    """A line whose instrument sends without requests; a Reconnector runs ``session``.
 
-    A chunk holds the bytes of up to twenty milliseconds; its stamp is the arrival of its last byte.
+    A chunk holds the bytes of up to twenty milliseconds; its stamp is the time of arrival of the
+    last byte.
     """
 
     def __init__(
@@ -70,7 +72,7 @@ class SerialStream:
         responder: Callable[[], Respond] | None = None,
     ) -> None:
         """``greeting`` is sent after every opening of the line, to make the instrument send;
-        ``responder`` makes the answers to the instrument.
+        ``responder`` returns a function that makes the answers to the instrument.
         """
         self._settings = settings
         self._on_chunk = on_chunk
@@ -79,7 +81,7 @@ class SerialStream:
         self._port: OpenPort | None = None
 
     async def session(self, report: Report) -> None:
-        """Hand over chunks until the line is lost. Raises DeviceError."""
+        """Pass on chunks until the line is lost. Raises DeviceError."""
         await PortThread(self._settings, self._read).serve(report)
 
     def hurry(self) -> None:
@@ -110,8 +112,8 @@ class PolledSerial:
     """A line whose instrument answers requests; every byte of an answer is stamped with the middle
     between request and answer.
 
-    A late answer would be assigned to the next request: so after a timeout the line must be silent
-    for as long again before the next request, and bytes until then are discarded.
+    A late answer would be assigned to the next request. So after a timeout the line must stay
+    silent for the same time before the next request; bytes received until then are discarded.
     """
 
     def __init__(
@@ -153,12 +155,12 @@ class PolledSerial:
                     others_due_s[number] = time.monotonic() + interval_s
                     if not self._ask(port, gap_s, request):
                         _await_silence(port)
-                    break  # one such request at a time: the reading is requested in between
+                    break  # one further request at a time: the reading is requested in between
             due_s = max(due_s + self._interval_s, time.monotonic())
             port.pause(due_s - time.monotonic())
 
     def _ask(self, port: OpenPort, gap_s: float, request: bytes) -> bool:
-        """Send a request and pass on the answer; return False without an answer in time."""
+        """Send a request and pass on its answer; return False if there is no answer in time."""
         port.write(request)
         sent_ns = stamp_ns()
         data = port.read(ANSWER_TIMEOUT_S)
@@ -173,8 +175,8 @@ class PolledSerial:
 def instrument_line(
     settings: SerialSettings, decoder: Decoder, on_chunk: OnChunk
 ) -> SerialStream | PolledSerial:
-    """Return the line of an instrument read by ``decoder``: whether it is polled, and its
-    greeting.
+    """Return the line of the instrument that ``decoder`` decodes: polled or not, with the decoder's
+    requests and greeting.
     """
     greeting = decoder.greeting if isinstance(decoder, GreetingDecoder) else b""
     if not isinstance(decoder, PolledDecoder):
@@ -192,8 +194,8 @@ def instrument_line(
 
 
 class _Pace:
-    """Whether to sleep before the next chunk: not on a ``busy`` line, nor on a slow line on which
-    no byte would arrive meanwhile.
+    """Decides whether the reader sleeps before the next chunk: not on a ``busy`` line, nor on a
+    slow line on which no byte would arrive during the sleep.
     """
 
     def __init__(self) -> None:
@@ -201,7 +203,7 @@ class _Pace:
         self._since_s = time.monotonic()
 
     def note(self, size: int, reads: int) -> None:
-        """Record the size of a chunk and the number of its reads."""
+        """Record the size of a chunk and the number of reads that gathered it."""
         now_s = time.monotonic()
         self.busy = size > BUSY_BYTES_PER_S * (now_s - self._since_s)
         self._since_s = now_s
@@ -209,11 +211,11 @@ class _Pace:
 
 
 def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, int]:
-    """Return the waiting bytes and those that arrive within ``seconds``, the time of the last byte,
-    and the number of reads with bytes.
+    """Return the waiting bytes and the bytes that arrive within ``seconds``, the time of the last
+    byte in ns, and the number of reads that returned bytes.
 
-    At least two reads: the first may find old bytes, the second waits for a new byte. Bytes from
-    before the loss of the line are returned; the next read reports the loss.
+    The function reads at least twice: the first read may find old bytes, the second waits for a new
+    byte. Bytes from before a loss of the line are returned; the next read reports the loss.
     """
     parts: list[bytes] = []
     size, last_ns, end_s = 0, 0, time.monotonic() + seconds
@@ -227,7 +229,7 @@ def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, 
 
 
 def _read(port: OpenPort, gathered: bool, busy: bool) -> bytes:
-    """Return the bytes of a read; nothing where the line is lost and there are still bytes to pass
+    """Return the bytes of a read; empty if the line is lost while gathered bytes wait to be passed
     on.
     """
     try:
@@ -239,8 +241,8 @@ def _read(port: OpenPort, gathered: bool, busy: bool) -> bytes:
 
 
 def _await_silence(port: OpenPort) -> None:
-    """Throw away bytes until the line is silent. Raises DeviceError for a line that never becomes
-    silent: no request is sent there.
+    """Discard bytes until the line is silent. Raises DeviceError if the line does not become
+    silent.
     """
     until_s = time.monotonic() + NEVER_SILENT_S
     while port.wanted and (data := port.read(ANSWER_TIMEOUT_S)):

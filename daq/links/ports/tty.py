@@ -1,7 +1,8 @@
 """A serial port of this computer (`daq.links.ports.device.Device`).
 
-pyserial sets the line up; reading is one read(2) here. pyserial's ``read`` makes four calls, each
-of which releases the interpreter and may wait for it, and takes twice the time.
+pyserial sets up the line, but this module reads with a single read(2): pyserial's ``read`` makes
+four system calls, each of which releases the interpreter and may wait for it, and takes twice the
+time.
 """
 
 import errno
@@ -33,7 +34,7 @@ _REMEDIES = {
 
 BY_ID = Path("/dev/serial/by-id")
 TIOCGICOUNT = 0x545D
-"""ioctl_tty(2); not in `termios`."""
+"""Request that reads the driver's counts (ioctl_tty(2)); `termios` lacks its name."""
 _COUNTS = struct.Struct("20i")
 """serial_icounter_struct of linux/serial.h: cts, dsr, rng, dcd, rx, tx, frame, overrun, parity,
 brk, buf_overrun, nine reserved."""
@@ -47,7 +48,7 @@ _LOSSES: dict[int, LossKind] = {
 
 
 class Tty:
-    """An open serial port. Raises DeviceError where the port does not open, or does not accept the
+    """An open serial port. Raises DeviceError if the port does not open or does not accept the
     settings.
     """
 
@@ -63,8 +64,8 @@ class Tty:
             self._serial.dtr, self._serial.rts = settings.dtr, settings.rts
             self._serial.port = settings.port
             self._serial.open()
-            # sets the line up once more: only then does a port report that it does not accept these
-            # settings
+            # pyserial then sets up the line once more: only then does a port report that it does
+            # not accept these settings
             self._serial.timeout = 0.0
             self._line = self._serial.fileno()
             _let_reads_wait(self._line)
@@ -91,7 +92,7 @@ class Tty:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send ``data`` and wait until it has left."""
+        """Send ``data`` and wait until the last byte has left."""
         try:
             self._serial.write(data)
             self._serial.flush()
@@ -122,8 +123,8 @@ class Tty:
 
 
 def _let_reads_wait(line: int) -> None:
-    """Make a read of an empty line wait, instead of failing at once as pyserial sets it
-    (termios(3): in tenths of a second).
+    """Let a read of an empty line wait (termios(3): in tenths of a second); with pyserial's setting
+    the read would fail at once.
     """
     attributes = termios.tcgetattr(line)
     attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 0, round(BUSY_WAIT_S * 10)
@@ -132,8 +133,8 @@ def _let_reads_wait(line: int) -> None:
 
 
 def _set_low_latency(port: serial.Serial) -> bool:
-    """Make the adapter pass on bytes sooner (FTDI: after 1 ms instead of 16); return whether it
-    accepted. Many ports lack this mode.
+    """Let the USB adapter pass on bytes sooner (FTDI: after 1 ms instead of 16 ms); return whether
+    the port accepted. Many ports lack this mode.
     """
     try:
         port.set_low_latency_mode(True)
@@ -143,8 +144,8 @@ def _set_low_latency(port: serial.Serial) -> bool:
 
 
 def present_ports() -> dict[str, str]:
-    """Return the serial ports of this computer with a device: the lasting name (``by-id``) if any,
-    and the name of the adapter.
+    """Return the serial ports of this computer that have a device: the lasting name (``by-id``) if
+    there is one, and the name of the adapter.
     """
     stable = {str(link.resolve()): str(link) for link in sorted(BY_ID.glob("*"))}
     return {

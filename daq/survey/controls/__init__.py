@@ -1,8 +1,8 @@
 """Controls by name: the ``[plc]`` section of a survey for each kind of control, as ``stepdiag
 setup`` writes it.
 
-A file per control, readable directly; each file names the source of its addresses, and the
-addresses that are only recalled.
+Each control has a file of its own, which names the source of its addresses, and the addresses
+recalled without a source.
 """
 
 from importlib.resources import files
