@@ -35,7 +35,7 @@ class ReplayedLog:
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """A survey from its logs: the survey file as recorded, the resulting passes, findings in
+    """A survey replayed from its logs: the survey file, the resulting passes, and the findings in
     order.
     """
 
@@ -59,8 +59,8 @@ class Replayed:
 
 
 def begun_logs(folder: Path) -> list[Path]:
-    """Return the logs of a folder, without those that were cut off before their first record: by an
-    interruption or a full disk at their start.
+    """Return the logs of a folder, without logs that an interruption or a full disk cut off before
+    their first record.
     """
     return [path for path in logs_in(folder) if path.suffix != PART_SUFFIX or _begun(path)]
 
@@ -74,7 +74,7 @@ def _begun(path: Path) -> bool:
 
 
 def find_logs(paths: Sequence[Path]) -> list[Path]:
-    """Return the logs under the given paths: files directly, folders by their logs.
+    """Return the logs under the given paths. A path is a log, or a folder with logs.
 
     Raises UsageError for a path that does not exist, DataError where there is no log.
     """

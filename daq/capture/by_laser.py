@@ -1,12 +1,12 @@
 """A machine without signals: the laser's plateaus are the standstills, and the chain of `naming`
 assigns them to stops.
 
-The machine sends no stop number. So the first stops of a pass are sure by the steps between them,
-and a lost count ends the pass: the machine's place is then unknown. Every named stop is passed on
-as a dwell at its planned position, and judged like a dwell of a machine with signals. A pass that
-seems to begin after its first stop may have another order of the axes: its last stop is passed on
-at the next standstill, or at the end of the count. An instrument whose marker input receives the
-machine's stop relay (quDIS) reports and counts the standstills itself.
+The machine sends no stop number. So only the steps between the first stops of a pass make these
+stops sure, and a lost count ends the pass, because the machine's place is then unknown. Every named
+stop is passed on as a dwell at its planned position, and judged like a dwell of a machine with
+signals. A pass that seems to begin after its first stop may have another order of the axes: its
+last stop is passed on at the next standstill, or at the end of the count. An instrument whose
+marker input receives the machine's stop relay (quDIS) reports and counts the standstills itself.
 """
 
 from collections.abc import Mapping
@@ -85,7 +85,8 @@ class ByLaser:
         """The last stop of a pass that seems to begin after its first stop."""
         self._other_order = False
         self.seen: list[tuple[float, float]] = []
-        """Every standstill until now, placed or not: the time of its end (ns), and its level in mm.
+        """Every standstill until now, also those without a stop: the time of its end (ns), and its
+        reading in mm.
         """
         hint = start.hints[self.setup]
         self._way, self._fresh = int(not hint.outward), not hint.known
@@ -224,7 +225,9 @@ class ByLaser:
         return [] if self._other_order else held
 
     def _is_of_pass_before(self, stop: int, stand: _Stand) -> bool:
-        """Return whether the machine has not moved since the last stop of the pass before."""
+        """Return whether a standstill is still the last stop of the previous pass: the machine has
+        not moved since.
+        """
         return self._turns and stop == 0 and stand.from_ns - self._began_ns < EDGE_NS
 
     def _report_wrong_sign(self, outcomes: list[Outcome]) -> None:

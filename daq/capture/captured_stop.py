@@ -68,7 +68,7 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def doubt_codes(self) -> tuple[str, ...]:
-        """Return the codes of the doubts, without duplicates."""
+        """Return the codes of the stop's doubts, without duplicates."""
         return tuple(dict.fromkeys(each.code for each in self.doubts))
 
     def why(self, *codes: str) -> Words:
@@ -85,7 +85,8 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def from_log(fields: dict[str, Any]) -> CapturedStop:
-    """Return the stop as stored in a log. Raises msgspec.ValidationError for other fields.
+    """Return the stop as stored in a log. Raises msgspec.ValidationError if a field does not belong
+    to a stop.
 
     A log of an old version has one common text for all doubts, and the codes of the doubts beside
     this text.

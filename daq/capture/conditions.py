@@ -67,14 +67,15 @@ UNITS_HPA: Mapping[str, float] = {
     "bar": 1000.0,
 }
 UNIT_NEAR, UNIT_FAR = 0.06, 0.2
-"""Limits, as shares of the pressure in [environment], that recognise another unit of a pressure: in
-this unit the pressure is near (within the weather), in hPa it is far (no hall is so high). 760 mmHg
-is the air at sea level, 760 hPa the air at 2300 m.
+"""Limits, as shares of the pressure in [environment], that recognise a pressure in another unit
+than hPa: read in that unit, the pressure differs by at most the first share (weather); read in hPa,
+by more than the second (no hall is so high). 760 mmHg is the air at sea level, 760 hPa the air at
+2300 m.
 """
 
 
 class Credible(msgspec.Struct, frozen=True, kw_only=True):
-    """An accepted value and its time (seconds since 1970)."""
+    """An accepted value of a condition, and the time of this value (seconds since 1970)."""
 
     value: float
     time_s: float
@@ -122,8 +123,8 @@ def with_air(
     """Return the signals with the values sent by the sensor, or by the laser's own sensors, where
     the survey takes air and material from them.
 
-    ``silent`` is the value of an expected quantity that the sensor has not sent for `STALE_NS`:
-    None, or NaN, which `Conditions` judges.
+    An expected quantity that the sensor has not sent for `STALE_NS` gets the value ``silent``:
+    None, or NaN for a signal that `Conditions` judges.
     """
     names = condition_names(survey, sensor)
     # called for every event: the sensor's bytes are decoded only if its values are used
@@ -181,7 +182,7 @@ class Conditions:
 
     @property
     def credible(self) -> dict[str, Credible]:
-        """Return the last accepted values."""
+        """Return the last accepted value of each condition."""
         return dict(self._credible)
 
     def judge(self, signals: Signals, time_s: float) -> Judged:

@@ -55,7 +55,6 @@ class QdView:
         return self._head.breaks
 
     def newest_ns(self) -> float:
-        """Return the time of the newest sample; minus infinity before the first."""
         return self._head.newest_ns()
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
@@ -84,7 +83,6 @@ class AngleView(QdView):
     """
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
-        """Return the usable samples of a span of time."""
         span = self._head.span(from_ns, to_ns, arrived_before_ns)
         if span.channels is None or not len(span.channels):
             return span

@@ -20,10 +20,10 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
 
     ``known`` are the readings on the present unbroken count of the laser, by stop of the outward
     route. ``turn`` is the last stop of the previous pass in the other direction: a program that
-    reverses there begins its way back with this stop. ``believed`` are the readings of stops at the
-    end of a pass whose place is assumed: they were the first stops of a pass if the machine's next
-    step is the step after them. ``numbers`` are the numbers of the next pass out and the next pass
-    back, whose order of axes may differ.
+    reverses there begins the return pass with this stop. ``believed`` are the readings of stops at
+    the end of a pass whose place is assumed: they were the first stops of a pass if the machine's
+    next step is the step after them. ``numbers`` are the numbers of the next pass out and the next
+    pass back, whose order of axes may differ.
     """
 
     outward: bool = True
@@ -37,13 +37,13 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
-    """The state before a log that a capture needs: the wanted setups in order, the stop already
-    captured, and others.
+    """The state of a survey that the capture of a log needs at its beginning, with the wanted
+    setups in order and the stop already captured.
 
-    ``wall_offset_ns`` is added to the host's clock for the time of day of the stops. It is the
-    offset at the beginning of the recording, so that all stops share one axis of time even if the
-    clock is set meanwhile. ``breaks`` are the losses of count since the last stop of the previous
-    log, ``credible`` the last credible values of air and material. ``beyond``: whether the machine
+    ``wall_offset_ns`` is added to the host's clock for the time of day of the stops. This offset is
+    from the beginning of the recording, so that all stops share one axis of time even if the clock
+    is set meanwhile. ``breaks`` are the losses of count since the last stop of the previous log,
+    ``credible`` the last credible values of air and material. ``beyond``: whether the machine
     overran its last stop in the previous log; None if unknown, and in logs of older versions.
     ``down`` are the links that are down, ``named`` the lines of the survey file named as wrong by
     earlier logs.

@@ -2,6 +2,6 @@
 bytes raises an exception.
 
 Every decoder offers ``feed(chunk, arrival_ns) -> Samples`` (`daq.timing.samples.Decoder`) and
-``resync()``, which is called after an interruption of the stream (port reopened): it discards the
-incomplete message and keeps the settings that the instrument sent.
+``resync()``, which is called after an interruption of the stream (port reopened). ``resync()``
+discards the incomplete message and keeps the settings that the instrument sent.
 """

@@ -1,5 +1,5 @@
-"""Signals that the machine does not send directly: a small typed language over named bits and
-words, a subset of Python's expressions.
+"""Expressions for signals that the machine does not send directly, in a small typed language over
+named bits and words, a subset of Python's expressions.
 
     either     = both { "or" both }
     both       = negated { "and" negated }
@@ -30,8 +30,8 @@ from stepdiag.base.messages import Words, message
 Kind = Literal["bit", "word"]
 Value = bool | float | None
 Inputs = Mapping[str, float | None]
-"""The values read, by name, before their conversion to bits or words; None for a value that the
-machine refused.
+"""The values read from the machine, by name, before their conversion to bits or words; None for a
+value that the machine refused.
 """
 MOST_CHARACTERS = 500
 DEEPEST = 20
@@ -177,7 +177,7 @@ class _Text:
         return self._begin + (node.end_col_offset or 0)
 
     def _misplaced(self, at: int) -> UsageError:
-        """Return the error for a token that is not allowed at its place."""
+        """Return the error for a token that the language does not allow at this position."""
         before = self._text[:at].rstrip()
         ended = before.endswith(")") or (
             before[-1:].isalnum() and not re.search(r"\b(and|or|not)\Z", before)
@@ -200,8 +200,8 @@ class _Text:
 
 
 def _as_python(word: str) -> str:
-    """Return a token of the same length that Python reads as a name or a number: an input may have
-    a keyword as its name, and a number may begin with zeros.
+    """Return, for a token, a token of the same length that Python parses as a name or a number: an
+    input may be named like a keyword, and a number may begin with zeros.
     """
     if keyword.iskeyword(word) and word not in _WORDS:
         return word.swapcase()

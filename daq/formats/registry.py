@@ -1,4 +1,4 @@
-"""Wire formats by name."""
+"""The decoders of all wire formats, by the name of the format."""
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
@@ -41,7 +41,7 @@ AIR_FORMATS = ("ptu300", "line")
 def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: C901, PLR0911 - one a format
     """Return a new decoder of the format ``name``; each stream needs its own decoder.
 
-    Raises UsageError for a name outside the formats, or for settings of another format.
+    Raises UsageError for an unknown name, or for settings of another format.
     """
     match name, settings:
         case "umd", UmdSettings():

@@ -3,7 +3,7 @@ signals, and the decoding of the answers.
 
 A signal is a bit, or a number of one or two registers in any of the four byte orders in use.
 Controls disagree on the order (S7 keeps ABCD, MELSEC swaps the words to CDAB: instruments.md 4.1).
-So each signal names its own order, and the bytes are ordered here explicitly, tested against
+So each signal names its own order, and this module orders the bytes explicitly; tests compare with
 literal wire bytes.
 """
 
@@ -163,7 +163,7 @@ def plan_reads(
 
 
 def _read_ranges(signals: SignalMap) -> list[ReadRange]:
-    """Return the ranges that hold every signal, ordered by table and address."""
+    """Return the ranges that together hold all signals, ordered by table and address."""
     ranges: list[ReadRange] = []
     for spec in sorted(signals.values(), key=lambda spec: (spec.table, spec.address)):
         last = ranges[-1] if ranges else None
@@ -372,7 +372,9 @@ def resolution(spec: SignalSpec, value: float) -> float:
 
 
 def describe(spec: SignalSpec) -> str:
-    """Return the place of a signal in its written form: ``holding 2 bit 0``, ``input 40-41``."""
+    """Return the written form of a signal's place, such as ``holding 2 bit 0`` or ``input
+    40-41``.
+    """
     if spec.type == "bit" and not spec.in_bit_table:
         return f"{spec.table} {spec.address} bit {spec.bit}"
     last = f"-{spec.address + spec.width - 1}" if spec.width > 1 else ""
@@ -380,7 +382,7 @@ def describe(spec: SignalSpec) -> str:
 
 
 def registers(specs: Iterable[SignalSpec]) -> set[tuple[Table, int]]:
-    """Return every (table, address) that the signals occupy."""
+    """Return every address that the signals occupy, as (table, address)."""
     return {
         (spec.table, spec.address + place) for spec in specs for place in range(spec.width)
     }

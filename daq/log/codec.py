@@ -46,14 +46,14 @@ MOST_RANGES = 200
 """Largest number of ranges of one poll: more than all signals need."""
 MOST_EVENTS = 100_000
 """Largest number of events in a message; messages are written several times a second."""
-"""The year 2262: no clock of a computer goes further."""
+"""Latest time in ns, in the year 2262: no computer's clock goes further."""
 _SECOND_NS = 1_000_000_000
 _STREAMS: dict[str, Stream] = {topic: stream for stream, topic in RAW_TOPICS.items()}
 _LINKS: dict[str, Link] = {topic: link for link, topic in LINK_TOPICS.items()}
 
 Numbered = tuple[int, Event]
 Run = tuple[int, list[Event]]
-"""The number of the first event, and the following events without a gap."""
+"""A run: the number of the first event, and the events from this number on without a gap."""
 
 
 class _Time(msgspec.Struct):
@@ -289,7 +289,7 @@ def _to_runs(numbers: Sequence[int]) -> tuple[list[int], list[int]]:
 
 def decode(topic: str, data: bytes) -> list[Run]:
     """Return the events of a message in runs; empty for a note. Raises one of the errors
-    `daq.log.contents.DAMAGE` for a message that is neither.
+    `daq.log.reader.DAMAGE` for a damaged message.
     """
     if topic in _STREAMS:
         raw = _decode_bytes(data)

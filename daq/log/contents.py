@@ -1,8 +1,8 @@
 """Reading logs: their header, the events in the order of their capture, and their end.
 
-log = open_log(path)            header; refuses what is not a log of ours
-for event in log.events(): ...  bounded memory, up to the first record that is not whole
-log.end                         whether it is whole, and what was lost where it is not
+- `open_log` reads the header, and refuses a file that is not a log of this program.
+- `Log.events` yields the events with bounded memory, up to the first incomplete record.
+- `Log.end` states whether the log is whole, and otherwise the losses.
 """
 
 from collections import Counter
@@ -52,7 +52,7 @@ at least a byte, for its time.
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogEnd:
     """The end of a log. ``damage`` is empty for a whole log; ``run_stop`` is the recorder's last
-    record, if written.
+    record; empty if it was not written.
 
     ``dropped_events`` is the number of events that were read but not used, because an earlier event
     was lost with the damaged part; a mended log contains them too. ``lost_bytes`` is the number of

@@ -15,9 +15,9 @@ _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 class PartFile:
     """Stores bytes in memory and drains them to disk on request.
 
-    A failing disk never raises an error in the writer above: bytes that a full disk refuses stay in
-    memory and are drained when there is space again, so that no record is torn. Not safe for use
-    from two threads.
+    A failing disk raises no error in the writer that uses this file: bytes that a full disk refuses
+    stay in memory and are drained when there is space again, so that no record is torn. Not safe
+    for use from two threads.
     """
 
     def __init__(self, path: Path, suffix: str = PART_SUFFIX) -> None:
@@ -42,7 +42,7 @@ class PartFile:
         return self._written + len(self._waiting)
 
     def flush(self) -> None:
-        """Do nothing: the owner decides when to drain."""
+        """Do nothing: the owner of the file decides when to drain."""
 
     @property
     def waiting(self) -> int:
@@ -87,7 +87,7 @@ class PartFile:
             self.part.replace(self.path)
 
     def close(self) -> None:
-        """Close the file unchanged."""
+        """Close the file without renaming it."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

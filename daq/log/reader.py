@@ -64,7 +64,7 @@ flipped bits; ValueError stands for wrong numbers).
 
 
 def damage_of(error: Exception) -> Message:
-    """Return the cause that ended the reading of a log, in words."""
+    """Return the message of the error that ended the reading of a log."""
     if isinstance(error, EndOfFile | struct.error):
         return message("log-cut-off-here")
     return (
@@ -156,7 +156,7 @@ def stored_bytes(path: Path) -> int:
 
 
 def _unpack(chunk: ChunkRecord) -> list[McapRecord]:
-    """Return the records of a chunk, its CRC checked."""
+    """Return the records of a chunk, whose CRC is checked."""
     return breakup_chunk(chunk, validate_crc=True)
 
 

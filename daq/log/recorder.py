@@ -3,8 +3,8 @@ instrument.
 
 `Recorder.admit` never blocks. The recorder returns the recorded events in the order of their
 replay, and only recorded events may be consumed. If the disk is too slow, events are refused,
-counted, and noted in the log as a `Loss`. A full disk stops the recording; it continues by itself,
-without a torn record, when there is space.
+counted, and noted in the log as a `Loss`. A full disk stops the recording; the recording continues,
+without a torn record, as soon as there is space.
 """
 
 import threading
@@ -33,7 +33,7 @@ SYNC_S = 1.0
 RETRY_S = 0.5
 """Wait in s after a refusal of the disk before the next try."""
 WAKE_BYTES = 262_144
-"""The thread sleeps until this number of bytes waits or a flush is due: a wake-up costs as much as
+"""Number of waiting bytes that wakes the thread before a flush is due: a wake-up costs as much as
 the work on ten kilobytes.
 """
 BACKLOG_BYTES = 16_000_000
@@ -124,7 +124,7 @@ class Recorder:
 
     @property
     def health(self) -> RecorderHealth:
-        """Return the recorder's present state; callable from any thread."""
+        """Return the recorder's present state. May be called from any thread."""
         log = self._log
         return RecorderHealth(
             state=self._state,
@@ -187,8 +187,8 @@ class Recorder:
         self._wake.set()
 
     def stop(self, timeout_s: float = 10.0) -> bool:
-        """End the thread after everything recorded is written; return False if a refusing disk left
-        the last log as a ``.part``.
+        """End the thread after all recorded events are written; return False if the disk refused
+        bytes, so that the last log remains a ``.part``.
         """
         self._stopping.set()
         self._wake.set()
@@ -223,7 +223,7 @@ class Recorder:
                 self._log.file.close()
 
     def _serve(self) -> bool:
-        """Wait for work and do it; return False when the recorder is to end."""
+        """Wait for work and do the work; return False when the recorder must end."""
         stopping = self._stopping.is_set()
         if not stopping:
             self._wake.wait(

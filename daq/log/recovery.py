@@ -28,8 +28,8 @@ overwritten.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogInfo:
-    """Contents of a log. ``stream_bytes`` counts the raw bytes by stream, ``seconds`` is from the
-    first event to the last.
+    """Contents of a log. ``stream_bytes`` is the number of raw bytes by stream, ``seconds`` the
+    time from the first event to the last.
     """
 
     path: Path
@@ -91,7 +91,7 @@ def _carries_token(survey_text: str) -> bool:
     except (
         ValueError,
         RecursionError,
-    ):  # ValueError: also a whole number of thousands of digits
+    ):  # ValueError includes a whole number of thousands of digits
         return False
     return isinstance(page, dict) and bool(page.get("token"))
 
@@ -159,7 +159,7 @@ def _write_mended(path: Path, target: Path, end: LogEnd) -> int:
 
 
 def _copy(path: Path, file: PartFile, end: LogEnd) -> int:
-    """Copy the whole records unchanged; return the number of messages."""
+    """Copy the complete records of a log unchanged; return the number of copied messages."""
     writer = Writer(
         cast("IO[Any]", file),
         chunk_size=CHUNK_BYTES,

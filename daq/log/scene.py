@@ -1,8 +1,8 @@
 """The volume, the route and the stops of a pass for Foxglove's 3D panel: foxglove.SceneUpdate,
 lengths in metres.
 
-A viewer that jumps in time receives only the newest message: so each message holds the whole scene;
-of a long pass only the newest stops.
+A viewer that jumps in time receives only the newest message: so each message holds the whole scene,
+but only the newest stops of a long pass.
 """
 
 from collections.abc import Sequence

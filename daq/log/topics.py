@@ -1,9 +1,10 @@
 """The channels of a log: topic, hand-written schema, and notes for a viewer.
 
 Foxglove and PlotJuggler read JSON messages with JSON schemas of a narrow dialect: the root is an
-object with properties, each property has one plain type; no unions, no references, no arrays of
-arrays (acquisition.md B2, rule 4). Names of properties contain the units; a state is logged as
-number and as text, because PlotJuggler drops texts (rule 6). Unknown values are left out.
+object with properties, each property has one plain type, and there are no unions, references or
+arrays of arrays (acquisition.md B2, rule 4). Names of properties contain the units; a state is
+logged as number and as text, because PlotJuggler drops texts (rule 6). Unknown values are left out
+of a message.
 """
 
 import json
@@ -33,8 +34,9 @@ TIME: Schema = {
     "title": "time",
     "properties": {"sec": INTEGER, "nsec": INTEGER},
 }
-"""Seconds and nanoseconds of wall time: a viewer's numbers have no room for nanoseconds since
-1970."""
+"""Schema of a wall time in seconds and nanoseconds: one number of a viewer cannot hold nanoseconds
+since 1970.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +244,7 @@ CHANNELS: tuple[Channel, ...] = (
     Channel(LOG_TOPIC, "foxglove.Log", _FOXGLOVE_LOG),
     Channel(VOLUME_TOPIC, "foxglove.SceneUpdate", _SCENE),
 )
-"""Every channel of a log, in the order of their channel ids from 1."""
+"""The channels of a log, in the order of the channel ids from 1."""
 
 DECODED_CHANNELS: dict[Stream, Channel] = {
     stream: Channel(

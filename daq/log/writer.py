@@ -59,7 +59,7 @@ class LogHeader:
 
 
 def survey_digest(text: str) -> str:
-    """Return the SHA-256 of a survey file's bytes, in hex."""
+    """Return the SHA-256 of a survey file's text in hexadecimal form."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 

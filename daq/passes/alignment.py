@@ -1,8 +1,9 @@
-"""The mirror's tilt from the first steps of a pass, early enough to realign it during the pass.
+"""The mirror's tilt from the first steps of a pass, early enough to realign the mirror during the
+pass.
 
-With the mirror normal off the diagonal by ``nu``, every step of axis a has the constant error
-``nu_a * step_a`` (theory.md 4.2). The machine's own slopes, tens of microradians, count as tilt as
-well.
+If the mirror's normal differs from the diagonal by ``nu``, every step of axis a has the constant
+error ``nu_a * step_a`` (theory.md 4.2). The machine's own slopes, tens of microradians, count as
+tilt as well.
 """
 
 import math
@@ -64,8 +65,8 @@ def tilt_effect_um(
 
 
 def _across(route: Route) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the unit vectors sideways and upwards, viewed along the beam of a body diagonal on the
-    outward way.
+    """Return two unit vectors, sideways and upwards as viewed along the beam of a body diagonal on
+    an outward pass.
     """
     along = (route.stops_mm[-1] - route.stops_mm[0]) / abs(route.nominal_mm[-1])
     along = along if route.nominal_mm[-1] > 0 else -along

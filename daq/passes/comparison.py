@@ -38,7 +38,7 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
     """Return the doubts about each pass, by the index of the pass.
 
     Incomplete passes, and runs of the 4-DOF head, give no doubts. ``alone``: the plan has one pass
-    a setup, judged only by its own steps.
+    per setup, which is judged only by its own steps.
     """
     against: dict[int, tuple[Doubt, ...]] = dict.fromkeys(range(len(passes)), ())
     if not passes or passes[0].route.travel.is_fourdof:
@@ -72,7 +72,7 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
 
 def may_hide_um(each: Pass, stop: int, others: Sequence[Pass]) -> float:
     """Return the largest loss of count on the way to a stop, in um, that is compatible with the
-    other passes of the setup; infinite where no pass counted without a break there.
+    other passes of the setup; infinite if no other pass has an unbroken count there.
 
     Passes with another order of axes are left out: they do not make the same step.
     """
@@ -201,8 +201,8 @@ class _Readings:
         return off if self.outward else -off
 
     def scatter_um(self, place: int) -> float:
-        """Return the robust standard deviation of the other steps of the pass, each relative to the
-        steps of its axis.
+        """Return the robust standard deviation in um of the steps of the pass except the step to
+        ``place``, each relative to the steps of its axis.
         """
         return scatter_of_steps(np.diff(self.off_um), self.axes, place)
 

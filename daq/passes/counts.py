@@ -46,10 +46,10 @@ class Numbered:
 
 
 def went_on(before: Numbered, after: Numbered, repeats_after: float) -> bool | None:
-    """Return whether the instrument's own number continued between two stretches as the time of day
-    did: then the instrument ran throughout. None without numbers to compare.
+    """Return whether the instrument's own number advanced between two stretches like the time of
+    day, so that the instrument ran throughout. None without numbers to compare.
 
-    The rate of the number is its rate within the longer stretch.
+    The rate of the number is taken from the longer stretch.
     """
     if (
         before.first is None
@@ -77,8 +77,8 @@ def on_one_count(passes: Sequence[Pass]) -> list[Counted]:
     """Return the passes in their order with a ``zero``, a number from 1 in each setup: passes of a
     setup that certainly share one count have the same ``zero``.
 
-    Two passes share a count if a stretch reaches into both. A stretch after an unwatched time joins
-    no passes: a step of the count there would be mistaken for backlash.
+    Two passes share a count if a stretch reaches into both. A stretch that begins after an
+    unwatched time joins no passes: a lost count in this time would be mistaken for backlash.
     """
     found: dict[int, Counted] = {}
     for setup in dict.fromkeys(each.route.setup for each in passes):

@@ -1,4 +1,4 @@
-"""Possible faults of a reading in use, and the operator's acceptance of the reading."""
+"""Doubts about a reading in use, and the operator's acceptance of a doubt."""
 
 from collections.abc import Iterable
 
@@ -60,8 +60,8 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def at(self) -> Place:
-        """Return the place of the doubt. A doubt from an old file has the place without direction;
-        its message names the direction.
+        """Return the place of the doubt; without the direction for a doubt from an old file, whose
+        message names the direction.
         """
         return Place(
             setup=self.setup,
@@ -147,7 +147,6 @@ class TimeStated(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def acceptance_of(doubt: Doubt, *, reason: str, name: str, time_s: float) -> Acceptance:
-    """Return the acceptance of a doubt by a person."""
     return Acceptance(
         setup=doubt.setup,
         pass_number=doubt.pass_number,

@@ -30,8 +30,8 @@ class Pass:
     if both have a known common zero.
 
     ``placed``: the machine sends its position. Otherwise the operator can continue from a stop only
-    while the laser's count is unbroken. ``acceptances`` is the list of the `PassBook`; ``against``
-    are the doubts from other passes of the setup.
+    while the laser's count is unbroken. ``acceptances`` is the list of acceptances in the
+    `PassBook`; ``against`` are the doubts from other passes of the setup.
     """
 
     route: Route
@@ -51,7 +51,7 @@ class Pass:
     _chosen: Chosen | None = None
     _shown: Chosen = field(default_factory=dict)
     _used: dict[int, tuple[Measured, float]] = field(default_factory=dict)
-    """The valid measurement of every stop, and the offset in mm of its zero."""
+    """The valid measurement of every stop, and the offset in mm of the measurement's zero."""
 
     def __post_init__(self, same_um: float) -> None:
         self._stretches.same_um = same_um
@@ -63,7 +63,6 @@ class Pass:
 
     @property
     def way(self) -> Way:
-        """Return the direction of the pass."""
         return "out" if self.route.outward else "back"
 
     @property
@@ -110,7 +109,7 @@ class Pass:
         )
 
     def zeros(self) -> Zeros:
-        """Return the zero of every stretch with a zero."""
+        """Return the zero of every stretch that can be joined."""
         if self._zeros is None:
             self._zeros = self._stretches.zeros(len(self.route))
         return self._zeros
@@ -140,7 +139,7 @@ class Pass:
         return self._chosen
 
     def uses(self, stop: CapturedStop) -> bool:
-        """Return whether a captured stop is the valid measurement of its place."""
+        """Return whether a captured stop is the valid measurement of this stop of the pass."""
         return stop.stop in self.chosen() and self._used[stop.stop][0].stop is stop
 
     def _best(self, entries: list[Measured]) -> Measured | None:
@@ -215,7 +214,7 @@ class Pass:
     def doubted(
         self, stop: CapturedStop, code: str, why: Words, size_um: float | None = None
     ) -> Doubt:
-        """Return a doubt of a stop of this pass."""
+        """Return a new doubt about a stop of this pass."""
         return Doubt(
             setup=self.route.setup,
             pass_number=self.number,
@@ -229,7 +228,9 @@ class Pass:
         )
 
     def stretch_at(self, index: int) -> int | None:
-        """Return the stretch of count of the measurement in use at a stop; None without one."""
+        """Return the stretch of count of the measurement in use at a stop; None without a
+        measurement.
+        """
         return self._used[index][0].stretch if index in self.chosen() else None
 
     def cuts(self) -> dict[int, Unwatched]:
@@ -356,8 +357,8 @@ class Pass:
         ]
 
     def _may_go_on(self) -> bool:
-        """Return whether the machine may continue in the middle: its position, or the laser's
-        unbroken count, gives its place.
+        """Return whether the machine may continue in the middle of the pass: the position from the
+        machine, or the laser's unbroken count, shows where it is.
         """
         return (
             self.placed

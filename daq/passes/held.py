@@ -1,4 +1,4 @@
-"""The cost of a rejected sensor: the uncertainty of the values that replace it, for the budget of a
+"""The uncertainty of the values that replace a rejected sensor's values, for the budget of a
 survey.
 """
 

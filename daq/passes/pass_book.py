@@ -143,7 +143,7 @@ class PassBook:
         self._suspicions = list(suspicions)
 
     def accept(self, word: Acceptance) -> None:
-        """Record the operator's acceptance of a doubt; a repetition changes nothing."""
+        """Record the operator's acceptance of a doubt; an equal acceptance changes nothing."""
         if word not in self._acceptances:
             self._acceptances.append(word)
 
@@ -181,7 +181,9 @@ class PassBook:
         return [each for each in self.passes if each.route.setup == setup]
 
     def wanted(self) -> list[int]:
-        """Return the numbers of the plan's passes of every setup: odd outward, even back."""
+        """Return the numbers of the passes that the plan has for every setup: odd numbers outward,
+        even numbers back.
+        """
         return list(
             range(
                 1,
@@ -368,22 +370,23 @@ class PassBook:
         return self._next(route.setup, outward=route.outward)
 
     def _after(self, setup: str, *, outward: bool) -> int:
-        """Return the number of a new pass: odd outward, even back; without return passes 1, 3,
-        5."""
+        """Return the number of a new pass: odd outward, even back. Without return passes, the
+        numbers are 1, 3, 5.
+        """
         same = sum(1 for each in self.of(setup) if each.route.outward == outward)
         return 2 * same + (1 if outward else 2)
 
 
 def _believed_only(stop: CapturedStop) -> bool:
-    """Return whether the place of a stop is only an assumption, so that it determines no other
-    place.
+    """Return whether the place of a stop is only assumed, so that no other place may be derived
+    from it.
     """
     return "place-unknown" in stop.doubt_codes
 
 
 def _unproven(ran: bool | None, hidden_um: float, most_um: float) -> Words:
-    """Return why the count is not proven to be unbroken; empty for an instrument without a number
-    of its own.
+    """Return the reason why the count is not proven to be unbroken; empty if the instrument has no
+    number of its own.
     """
     if ran is None:
         return ""

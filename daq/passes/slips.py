@@ -2,9 +2,8 @@
 mirror.
 
 The count of an interferometer slips and continues without any sign; a touched mirror has the same
-effect. Repeated passes show the step: the difference between two passes over the same stops (out
-and back, or two repetitions) is smooth, reversal and drift included, except at the place of the
-step.
+effect. Repeated passes show the step. The difference between two passes over the same stops (out
+and back, or two repetitions) contains reversal and drift, and is smooth except at the step.
 """
 
 from collections.abc import Sequence
@@ -82,8 +81,8 @@ def step_in(
 def may_hide_um(
     values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector, at: int
 ) -> float:
-    """Return the largest loss of count, in um, that a step of an otherwise smooth sequence may
-    hide: the step itself plus the scatter of such steps; infinite for fewer than three steps.
+    """Return the largest loss of count, in um, that one step of a sequence may hide: the size of
+    the step plus the scatter of such steps; infinite for fewer than three steps.
 
     The other arguments are those of `step_in`; ``at`` is the index of the step.
     """
@@ -178,7 +177,7 @@ def like_its_axis(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
 
 def scatter_of_steps(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
     """Return the robust standard deviation in um of the steps of a pass, each relative to the steps
-    of its axis, without the step to a stop.
+    of its axis; the step to ``stop`` is left out.
     """
     off: list[float] = []
     for axis in dict.fromkeys(axes):

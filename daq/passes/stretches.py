@@ -1,8 +1,8 @@
 """The stretches of unbroken count of one pass, and the offsets that give them a common zero.
 
 A laser that loses its count continues from another zero. A stop measured before and after the loss
-gives the offset, if the mirror and everything else stayed unchanged: then all stops measured in
-both stretches agree.
+gives the offset between the zeros, if mirror and setup stayed unchanged; then all stops measured in
+both stretches agree on the offset.
 """
 
 import math
@@ -43,8 +43,9 @@ class OnZero(CapturedStop, frozen=True, kw_only=True):
 
 
 def on_zero(stop: CapturedStop, offset_mm: float) -> OnZero:
-    """Return a stop with its reading on the zero of its pass: the count plus the offset of its
-    stretch in mm."""
+    """Return a stop with the reading on the zero of its pass: the captured reading plus the offset
+    of the stretch in mm.
+    """
     values = {name: getattr(stop, name) for name in stop.__struct_fields__}
     counted_mm = math.nan if stop.reading_mm is None else stop.reading_mm
     return OnZero(**{**values, "reading_mm": counted_mm + offset_mm})
@@ -60,8 +61,8 @@ class Measured:
     stretch: int
     visit: int = 0
     nominal_mm: float = 0.0
-    """The nominal reading at the machine's position: positions of two visits differ by the scatter
-    of encoders and the rounding of programs.
+    """The nominal reading in mm at the machine's position; the positions of two visits differ by
+    the scatter of encoders and the rounding of programs.
     """
 
     @property
@@ -105,7 +106,9 @@ class Unwatched:
 
     @property
     def doubt(self) -> Words:
-        """Return the reason of the doubt; empty where the count is proven to be unbroken."""
+        """Return the reason to doubt the count over this time; empty if the count is proven to be
+        unbroken.
+        """
         if self.proven:
             return ""
         if self.unproven:
@@ -201,7 +204,7 @@ class Stretches:
         return zeros
 
     def _join(self, zeros: Zeros) -> bool:
-        """Join a further stretch to the stretches with a known zero; return whether this was
+        """Join one further stretch to the stretches with a known zero; return whether this was
         possible.
         """
         others = dict.fromkeys(

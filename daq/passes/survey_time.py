@@ -1,5 +1,5 @@
-"""The time of a survey: by the computer's clock, or stated by the operator if the clock was never
-set.
+"""The date and time of a survey, from the computer's clock, or stated by the operator if the clock
+was never set.
 """
 
 from collections.abc import Iterator
@@ -10,8 +10,9 @@ from stepdiag.daq.passes.pass_book import PassBook
 
 CODE = "clock-unset"
 BUILT = datetime(2026, 11, 22, tzinfo=UTC)
-"""The day of the first release: no log is older, so an earlier clock was never set, or has lost its
-time (1970, 2000, the day of the image). Later releases keep the day: older logs keep their date.
+"""The day of the first release. No log is older, so a clock with an earlier day was never set, or
+has lost its time (1970, 2000, the day of the image). Later releases keep the day: older logs keep
+their date.
 """
 
 

@@ -1,5 +1,5 @@
-"""From passes to the solver's table of readings. Readings on one unbroken count share a zero, and
-are corrected for air and material once.
+"""From passes to the solver's table of readings. Readings on one unbroken count share a zero; every
+reading is corrected for air and material, and only here.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,11 +25,11 @@ def tabulate(
 ) -> Readings:
     """Return the readings of complete laser passes; the rows have the order of passes and stops.
 
-    Readings are relative to the first stop of the setup while the laser's count is unbroken:
-    ``zero`` numbers its stretches. For an instrument that counts in vacuum wavelengths, the air of
-    each stop is used; if the survey file requests it, each axis is reduced to 20 C. Runs of the
-    4-DOF head have no laser reading and are left out. ``environment`` holds conditions, by their
-    names in the survey file, that replace the recorded values.
+    Readings are relative to the first stop of the setup while the laser's count is unbroken;
+    ``zero`` is the number of the unbroken count. For an instrument that counts in vacuum
+    wavelengths, the air of each stop is used; if the survey file requests it, each axis is reduced
+    to 20 C. Runs of the 4-DOF head have no laser reading and are left out. ``environment`` holds
+    conditions, by their names in the survey file, that replace the recorded values.
     """
     stated = dict(environment or {})
     survey = msgspec.structs.replace(

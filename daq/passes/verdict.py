@@ -78,7 +78,7 @@ def settled_findings(
 
 
 def _settled_by(doubt: Doubt, stated: Mapping[str, float]) -> bool:
-    """Return whether all conditions of a doubt were stated."""
+    """Return whether all conditions that a doubt concerns were stated."""
     named = set(_arguments(doubt.why))
     meant = {name for name, condition in CONDITIONS.items() if condition in named}
     return doubt.code in STATED and bool(meant) and meant <= set(stated)

@@ -3,8 +3,8 @@ oldest first. No file is ever removed.
 
 A log is written in small chunks, so that an interruption loses little. A packed log has the same
 records in chunks of a megabyte at zstd's level 19, which saves four tenths of its size (an archive
-of compressed files would save nothing). A packed log remains a log: replay, `info` and the viewers
-read it as before. It replaces the log only after every record was read back and compared. Packing
+of compressed files would save nothing). Replay, `info` and the viewers read a packed log like any
+log. The packed log replaces the log only after every record was read back and compared. Packing
 runs in a separate process.
 """
 
@@ -42,8 +42,8 @@ _DRAIN_BYTES = 4_000_000
 _MAGIC = b"\x89MCAP0\r\n"
 _DATA_END = struct.pack("<BQ", 0x0F, 4)
 _FOOTER = struct.Struct("<QQI")
-"""The start of the index, the start of its offsets, and its checksum: the end of a log before the
-magic bytes.
+"""Layout of the footer of a log, before the magic bytes: start of the index, start of its offsets,
+checksum.
 """
 
 
@@ -111,7 +111,9 @@ def pack(log: Path) -> int:
 
 
 def digest(log: Path) -> str:
-    """Return the SHA-256 of a log's records, independent of its chunks; empty for a damaged log."""
+    """Return the SHA-256 of a log's records, which does not depend on the chunks; empty for a
+    damaged log.
+    """
     reader, sum_of = RecordReader(log), hashlib.sha256()
     for record in reader:
         if isinstance(record, Schema | Channel | Message | Metadata | Attachment):

@@ -37,7 +37,7 @@ def ask_to_begin(folder: Path, setup: str, name: str) -> None:
 
 
 class BegunWords:
-    """Reads the lines added to the file of a folder from now on."""
+    """Reads the announcements that are added to the file of a folder from now on."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / BEGUN
@@ -57,7 +57,7 @@ class BegunWords:
         return [word for word in words if abs(time.time() - word.time_s) < OLD_S]
 
     def _length(self) -> int:
-        try:  # a single query of the file, ten times a second
+        try:  # the file is queried only once, because this runs ten times a second
             return self._path.stat().st_size
         except OSError:
             return 0

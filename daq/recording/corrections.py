@@ -1,10 +1,10 @@
 """A survey file corrected after its logs were recorded: the changed lines, and the logs read again
 with the corrected file.
 
-A log is never changed. ``corrected.jsonl`` beside the logs holds one JSON object per correction:
-operator, time, the changed lines, and the survey file valid from then on. The end of a pass depends
-on the file, so a session reads the logs of a round as a single stream of events: a pass that a
-wrong map of signals cut in two is whole again.
+``corrected.jsonl`` beside the logs holds one JSON object per correction: operator, time, the
+changed lines, and the survey file valid from then on. The end of a pass depends on the file, so a
+session reads the logs of a round as a single stream of events: a pass that a wrong map of signals
+cut in two is whole again.
 """
 
 from collections.abc import Iterator, Sequence
@@ -177,7 +177,7 @@ def compared(recorded: str, text: str) -> list[Change] | None:
     """Return the changes from the survey file ``recorded`` to ``text``; None if the recorded file
     is no longer readable.
 
-    Further setups are no change: the recording stays valid.
+    Further setups do not count as a change, because the recording stays valid.
     """
     if recorded == text:
         return []
@@ -209,7 +209,9 @@ def has_further(text: str, recorded: str) -> bool:
 
 
 def must_reread(logs: Sequence[Path], text: str) -> bool:
-    """Return whether the notes in the logs differ from the result of a survey file."""
+    """Return whether reading the logs with the survey file ``text`` may give other results than the
+    notes in the logs.
+    """
     recorded = dict.fromkeys(open_log(log).header.survey_text for log in logs)
     found = [compared(each, text) for each in recorded if each != text]
     return any(
@@ -263,7 +265,6 @@ def replay_corrected(
 
 
 def _end_of(path: Path) -> LogEnd | None:
-    """Return the end of a log."""
     log = open_log(path)
     for _ in log.events():
         pass

@@ -14,7 +14,7 @@ LEAST_PATIENCE_S = 1.0
 the plan's dwell is shorter.
 """
 MOST_TIMES = 3
-"""Number of answers to a machine that has never moved on, before a finding names it."""
+"""Number of answers to a machine that has never moved on, before a finding reports this machine."""
 
 
 class Handshake:
@@ -39,8 +39,8 @@ class Handshake:
         self.alarm: Words = ""
 
     def captured(self, stop: CapturedStop) -> None:
-        """Process a captured stop. A recovered stop is not answered: the machine has left it long
-        ago.
+        """Process a captured stop. A recovered stop is not answered: the machine left this stop
+        long ago.
         """
         if stop.stop_count is not None and not stop.recovered:
             self._written, self._written_ns = stop.stop_count, self._since_ns
@@ -83,8 +83,8 @@ class Handshake:
         return finding("error", waits)
 
     def _tell_again(self, count: int, now_ns: int) -> None:
-        """Answer a machine that still stands: its PLC may have restarted, or the last daemon ended
-        before it wrote.
+        """Answer a machine that still stands: the PLC may have restarted, or the last daemon may
+        have ended before it answered.
         """
         if self._written_ns is None or now_ns - self._written_ns > self._patience_ns:
             self._written_ns = now_ns

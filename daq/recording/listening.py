@@ -103,7 +103,7 @@ class Listening:
             )
 
     def take(self, chunk: Chunk) -> Iterator[Finding]:
-        """Process a chunk; yield, once, the finding that no byte of the line is usable."""
+        """Process a chunk; yield, once per line, the finding that no byte is usable."""
         ear = self._ears.get(chunk.stream)
         if ear is None or ear.understood:
             return

@@ -1,8 +1,9 @@
 """The folder of a survey on disk: a numbered folder per round, with its logs and, once complete,
 its results.
 
-<directory>/<name>/.lock held by the daemon that records here <directory>/<name>/0001/0001.mcap one
-log a pass <directory>/<name>/0001/result.json readings.csv, exports/, report.html: the results
+In the folder ``<directory>/<name>`` of a survey, the daemon that records there holds ``.lock``. The
+first round has the logs ``0001/0001.mcap`` and so on, one per pass, and beside the logs the results
+``result.json``, ``readings.csv``, ``exports/`` and ``report.html``.
 """
 
 import errno
@@ -48,7 +49,7 @@ from stepdiag.daq.replay import begun_logs
 
 LOCK = ".lock"
 LATEST_S = 4_102_444_800.0
-"""The year 2100: no recorder can show a later time."""
+"""Latest possible time of a stop in s since 1970: the year 2100."""
 _SETUP = re.compile(rf"(?:{'|'.join(DRIVEN_SETUPS)})(?:\+[1-9][0-9]{{0,3}})?")
 
 _log = structlog.get_logger("rounds")
@@ -109,7 +110,6 @@ class FolderLock:
             )
 
     def release(self) -> None:
-        """Release the lock."""
         os.close(self.descriptor)
 
 
@@ -199,9 +199,9 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
 
 
 def gone_on_with(folder: Path, survey_text: str) -> Path:
-    """Return the folder of the round to continue: ``folder``, or, if this round has a result and
-    the survey file adds setups to it, a new round with the same logs and the same statements of
-    operator and solver.
+    """Return the folder of the round to continue. This is ``folder``, unless its round has a result
+    and the survey file adds setups; then it is a new round with the same logs and the same
+    statements of operator and solver.
     """
     logs = begun_logs(folder)
     recorded = {open_log(log).header.survey_text for log in logs}
@@ -266,8 +266,8 @@ class Noted:
 
 
 def noted_round(folder: Path, logs: Sequence[Path], survey_text: str) -> Noted:
-    """Return the stops and findings of a round with its survey file: from the notes in the logs, or
-    else from the raw bytes.
+    """Return the stops and findings of a round with the given survey file: from the notes in the
+    logs, or else from the raw bytes.
     """
     if logs and must_reread(logs, survey_text):
         _, found = reread(logs, survey_text, "survey", verdicts_in(folder).suspicions)

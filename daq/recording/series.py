@@ -27,7 +27,7 @@ sample, and the series is refused.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """Positions in mm, shape (N,), with ``rate_hz`` positions a second."""
+    """A series of positions in mm, shape (N,), with ``rate_hz`` positions per second."""
 
     position_mm: Vector
     rate_hz: float
@@ -44,8 +44,8 @@ class Series:
 
 
 def parse_rtx(data: bytes, unit: str, source: str) -> Series:
-    """Return the series of an ``.rtx`` file. Raises DataError for another file, a file cut off, or
-    an invalid position.
+    """Return the series of an ``.rtx`` file. Raises DataError for another kind of file, a file that
+    was cut off, or an invalid position.
     """
     if not data.startswith(HEADER):
         raise DataError(
@@ -86,7 +86,8 @@ def parse_rtx(data: bytes, unit: str, source: str) -> Series:
 def parse_csv_series(text: str, unit: str, source: str) -> Series:
     """Return the series of a CSV table with the columns ``time_s`` and ``position``.
 
-    Raises DataError for another table, for times that do not rise, and for a missing sample.
+    Raises DataError for a table with other columns, for times that do not rise, and for a missing
+    sample.
     """
     rows = [
         (f"{source}: line {line}", fields)

@@ -53,8 +53,8 @@ from stepdiag.daq.timing.strip import Strip
 
 PREROLL_NS = 8_000_000_000
 PREROLL_BYTES = 4_000_000
-"""Size of the bytes that a log holds from before its opening: with the stop signal alone, the first
-dwell begins before the pass is recognised.
+"""Largest number of bytes from before the opening of a log that the log holds: with only a stop
+signal, the first dwell begins before the pass is recognised.
 """
 SAMPLE_NOTE_NS = 200_000_000
 SIGNALS_NOTE_NS = 500_000_000
@@ -64,7 +64,7 @@ IDLE_CLOSE_NS = 5_000_000_000
 
 
 INTERRUPTED = Break(0, message("recording-interrupted"), watched=False)
-"""The break before a session that continues a pass of an earlier daemon."""
+"""The possible loss of count before a session that continues a pass of an earlier daemon."""
 
 
 class LogSink(Protocol):
@@ -100,9 +100,10 @@ class Session:
     """Follows the events of one survey from the first stop to the last. All work is done in
     ``consume``.
 
-    ``on_outcome`` receives every finding and end at once, and every stop as soon as it is safe in
-    the log; the latter call comes from the recorder's thread. A session that is not ``armed`` first
-    waits for the end of the running program, which belongs to the previous survey.
+    ``on_outcome`` receives every finding and every end of a pass at once, and every stop as soon as
+    the stop is safe in the log; the calls for stops come from the recorder's thread. A session that
+    is not ``armed`` first waits for the end of the running program, which belongs to the previous
+    survey.
     """
 
     def __init__(
@@ -235,7 +236,7 @@ class Session:
         if self._silent or capture.may_be_over:
             self._remember(
                 event
-            )  # the next pass may begin before this one is known to have ended
+            )  # the next pass may begin before the end of the present pass is recognised
         for admitted in self._sink.admit(event):
             if capture.ended is None:
                 self._feed(capture, admitted)
@@ -333,7 +334,9 @@ class Session:
         }
 
     def laser_samples(self) -> Samples | None:
-        """Return the newest batch of the laser, recorded or not; None before the first."""
+        """Return the newest batch of the laser's samples, recorded or not; None before the first
+        batch.
+        """
         return self._idle["laser"].last if self.capture is None else self.capture.laser.last
 
     def _wait(self, event: Event) -> None:
@@ -354,7 +357,7 @@ class Session:
                 self._begin_log(time_of(event))
 
     def _hear(self, chunk: Chunk) -> None:
-        """Follow a stream while it is not recorded."""
+        """Process a chunk that is not recorded: decode its samples, and examine its line."""
         if chunk.stream in self._idle:
             self._idle[chunk.stream].feed(chunk.data, chunk.arrival_ns)
             self._idle[chunk.stream].forget_breaks()
@@ -374,8 +377,8 @@ class Session:
         return self.signals
 
     def _begins(self, signals: Signals) -> bool:
-        """Return whether a log has to begin: the program runs and one of its passes is open, or the
-        machine stands at a stop.
+        """Return whether a log must begin: the machine's program runs and a pass of its setup is
+        open, or the machine stands at a stop.
         """
         self._armed = self._armed or self._left(signals)
         self._last_setup = signals.setup
@@ -561,7 +564,7 @@ class Session:
             self._sink.note(scene_note(self.survey.volume, walk.route.stops_mm, self._drawn))
 
     def _of_pass(self, found: Finding) -> Finding:
-        """Return a finding of the recording with the number of its pass."""
+        """Return a finding of the capture, completed by the number of the recorded pass."""
         walk = self.capture.walk if self.capture is not None else None
         if walk is None or found.setup != walk.route.setup or found.pass_number is not None:
             return found

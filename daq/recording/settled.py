@@ -1,4 +1,4 @@
-"""Whether a survey is settled: every pass is complete, and every doubt accepted."""
+"""Decides whether a survey is settled: every pass is complete, and every doubt accepted."""
 
 from typing import Literal
 

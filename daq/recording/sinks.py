@@ -24,13 +24,11 @@ class DirectSink:
         self._writer = LogWriter(self._file, header)
 
     def admit(self, event: Event) -> tuple[Event, ...]:
-        """Write an event; return the event as stored in the log."""
         event = whole_us(event)
         self._writer.event(event)
         return (event,)
 
     def note(self, note: Note) -> None:
-        """Write a note."""
         self._writer.note(note)
 
     def promise(self, note: Note, saved: Callable[[], object]) -> None:
@@ -53,11 +51,10 @@ class Nowhere:
         """Begin nothing."""
 
     def admit(self, event: Event) -> tuple[Event, ...]:
-        """Return an event unchanged."""
         return (event,)
 
     def note(self, note: Note) -> None:
-        """Keep no note."""
+        """Discard a note."""
         del note
 
     def promise(self, note: Note, saved: Callable[[], object]) -> None:

@@ -2,8 +2,8 @@
 a live laser.
 
 The samples become text lines in the form of the survey's ``[laser.line]``, with arrival times
-computed from the numbers of the samples. So log, replay, doubts and result are as for a laser
-recorded by this program, and stops are named as for a machine without signals
+computed from the numbers of the samples. So log, replay, doubts and result equal those of a laser
+recorded by this program, and stops are named like those of a machine without signals
 (`daq.capture.by_laser`).
 """
 
@@ -31,7 +31,7 @@ format = "line"
 [laser.line]
 pattern = '(?P<counter>[0-9]+) (?P<position>-?[0-9.]+)'
 counter_modulus = 1000000000"""
-"""The part of a survey file that describes these lines, without ``port``, ``compensated`` and
+"""The part of a survey file that describes the text lines, without ``port``, ``compensated`` and
 ``rate_hz``.
 """
 

@@ -97,7 +97,7 @@ class SurveyLinks:
             self.collect()
 
     def collect(self) -> None:
-        """Pass on the chunks that have arrived.
+        """Pass the chunks that have arrived to ``consume``.
 
         After `SLICE_NS` of work no chunk is passed on for the same time, so that machine, page and
         the end of the daemon get their turn even if a line sends too much.
@@ -170,7 +170,7 @@ class SurveyLinks:
         plc = self._survey.plc
         reads = plan_reads(
             plc.signals, () if plc.transport == "s7" else plc.standing
-        )  # an S7 answers all of them in one telegram
+        )  # an S7 answers all ranges in one telegram
         return MachinePoller(
             machine_settings(plc), reads, 1.0 / plc.poll_hz, self._polled, on_written
         )
@@ -182,8 +182,8 @@ class SurveyLinks:
         return Reconnector(stream, line.session, self._reporter(stream))
 
     def _receiver(self, stream: Stream) -> OnChunk:
-        """Return the function that a reading thread calls with each stamped chunk; the chunk waits
-        there until the loop collects it.
+        """Return the function that a reading thread calls with each stamped chunk; the chunk then
+        waits until the loop collects it.
         """
 
         def arrived(data: bytes, arrival_ns: int) -> None:

@@ -25,7 +25,7 @@ DATED = "dated.jsonl"
 JUDGED = "judged.jsonl"
 CORRECTED = "corrected.jsonl"
 WORDS = (ACCEPTED, DATED, JUDGED, CORRECTED)
-"""The files that always belong to the logs of a survey."""
+"""The files beside the logs of a survey that hold verdicts and corrections."""
 LARGEST_BYTES = 4_000_000
 """Size in bytes above which a file of verdicts is refused: no person writes so many."""
 Line = TypeVar("Line", bound=msgspec.Struct)
@@ -126,11 +126,11 @@ def _require_words(**given: str) -> None:
 
 
 def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
-    """Return the open doubts at a place: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass
-    with all its stops.
+    """Return the open doubts at a place. The place ``ppp/1/5`` is stop 5 of pass 1 of ppp;
+    ``ppp/1`` is the pass with all its stops.
 
-    A finding's code, such as ``too-many-outliers``, means all doubts with that code; a line of the
-    survey file means all doubts that it causes.
+    A finding's code as place, such as ``too-many-outliers``, means all doubts with this code; a
+    line of the survey file means all doubts that this line causes.
 
     Raises UsageError, with the open doubts, if there is no such doubt.
     """

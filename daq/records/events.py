@@ -21,7 +21,7 @@ from stepdiag.daq.records.status import LinkState
 Stream = Literal["laser", "head", "air"]
 """A stream of bytes: the laser, the 4-DOF head beside it, or the sensor of air and material."""
 Link = Literal["laser", "head", "air", "machine"]
-"""A stream, or the machine's Modbus: the parts that can be connected or lost."""
+"""A link that can be connected or lost: a stream of bytes, or the link to the machine."""
 _TABLE = r"^(?:coil|discrete|holding|input|db[1-9][0-9]{0,4}|[BMIO])\Z"
 Table = Annotated[
     str,
@@ -76,8 +76,8 @@ class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
 
     ``send_ns`` is stamped before the first request, ``recv_ns`` after the last answer. ``data[i]``
     answers ``ranges[i]``: registers are big-endian 16-bit words, bits are packed least significant
-    first, bytes are unchanged; ``b""`` means a refused range. (The name is older than the other
-    protocols of a machine, and every log contains it.)
+    first, bytes are unchanged; ``b""`` means a refused range. (The name ``ModbusBlock`` is older
+    than the other protocols of a machine, and every log contains this name.)
     """
 
     send_ns: int

@@ -42,7 +42,7 @@ State = Literal["open", "accepted", "past"]
 
 
 class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A link in words: ``age_s`` is the time since its last data, None without any."""
+    """A link in words: ``age_s`` is the time since the last data of the link, None without data."""
 
     state: LinkState
     address: Words
@@ -104,7 +104,8 @@ class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     If one unbroken count joins the outward and the return pass of a setup, the deviations of both
     start at the first stop of the outward pass; otherwise the return pass is joined at the far end.
-    Both have the same sign. ``place`` is the number of the stop on the outward pass.
+    The deviations of both passes have the same sign. ``place`` is the number of the stop on the
+    outward pass.
     """
 
     setup: str
@@ -236,8 +237,9 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     relative_humidity_percent: float | None
     material_temperature_c: float | None
     tilt_mrad: tuple[float, float] | None
-    """Mirror tilt of the pass driven last, estimated from its first steps; None before three steps
-    of each axis."""
+    """Mirror tilt in mrad in the pass driven last, estimated from the first steps of this pass;
+    None before three steps of each axis.
+    """
     tilt_setup: str = ""
     tilt_live: bool = False
     """``tilt_setup`` is the setup of the mirror tilt. ``tilt_live``: whether a pass of this setup
@@ -316,7 +318,9 @@ class StatusSource(Protocol):
         """
 
     def result_file(self) -> Path | None:
-        """Return result.json of the last completed survey, or None."""
+        """Return the path of result.json of the last completed survey; None without a completed
+        survey.
+        """
 
     def folder(self) -> Path:
         """Return the folder of the survey shown: the page offers only files of this folder."""

@@ -1,4 +1,6 @@
-"""Names of the files in the folder of a survey; loads nothing."""
+"""Names of the files in the folder of a survey. The module imports no other module of the
+program.
+"""
 
 from pathlib import Path
 from urllib.parse import quote

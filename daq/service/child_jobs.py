@@ -29,8 +29,9 @@ class Commands:
     ``archiving`` the folder of all surveys and its limit in GB (0: none).
 
     ``ahead`` computes the next passes after each setup, and with `TAKE` adds the further setup that
-    the operator chose. ``completion`` with `READINGS_ONLY` before the folder serves a survey that
-    stays open, with `CERTIFICATE_ONLY` a finished survey.
+    the operator chose. With `READINGS_ONLY` before the folder, ``completion`` writes only the
+    readings of a survey that stays open; with `CERTIFICATE_ONLY`, only the certificate of a
+    finished survey.
     """
 
     completion: Sequence[str]

@@ -49,7 +49,7 @@ PUBLISH_S = 0.1
 LOOK_S = 0.5
 """Period in s in which new verdicts are searched if no event comes."""
 LIVE_S = 1.0
-"""Period in s of the file from which `status` shows a running daemon."""
+"""Period in s in which the file for `status` is rewritten."""
 _log = structlog.get_logger("daemon")
 
 
@@ -57,10 +57,10 @@ class Daemon:
     """Records surveys until it is stopped. ``completion`` is the command that runs with a survey's
     folder after its last pass.
 
-    ``archiving`` is the command that runs with the folder of all surveys of this name and their
-    limit in GB, if any. ``ahead`` is the command that runs after a setup and computes the next
-    passes. ``programs`` gives the NC program of each setup of a survey, by its name at the control.
-    ``status_source`` answers the page.
+    ``archiving`` is the command that runs with the folder of all surveys of this name and the
+    folder's limit in GB, if there is a limit. ``ahead`` is the command that runs after a setup and
+    computes the next passes. ``programs`` gives the NC program of each setup of a survey, by its
+    name at the control. ``status_source`` answers the page.
     """
 
     def __init__(

@@ -18,8 +18,9 @@ BEYOND = 0.06
 def geometry(
     plan: Plan, setups: Sequence[SetupStatus], expects: str, number: int
 ) -> GeometryStatus:
-    """Return the geometry of a survey whose pass ``number`` of ``expects`` (empty: none) is awaited
-    or driven."""
+    """Return the drawing of a survey. ``number`` is the awaited or running pass of the setup
+    ``expects`` (empty: none).
+    """
     edges, axes = _box(plan.volume)
     ways = tuple(
         WayStatus(setup=one.name, state=one.state, ends_mm=_ends(plan, one.name))

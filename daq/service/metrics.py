@@ -32,9 +32,9 @@ class Tally:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """The daemon's figures at a moment. ``links`` are by name. ``disk_free_bytes`` is the free
-    space on the disk of the logs. ``watchdog_age_s`` is the time since the last check that found
-    every worker alive.
+    """The daemon's figures at a moment. ``links`` holds the states of the links by name.
+    ``disk_free_bytes`` is the free space on the disk of the logs. ``watchdog_age_s`` is the time
+    since the last check that found every worker alive.
     """
 
     tally: Tally

@@ -63,8 +63,8 @@ class Working:
     remain valid.
     """
     correct: Callable[[str], Awaitable[None]] = _nothing_to_correct
-    """Reads the logs with the changed file, on behalf of a person. Raises UsageError where this is
-    impossible now.
+    """Reads the logs with the changed file, on behalf of a person. Raises UsageError if the logs
+    cannot be read again now.
     """
     waits_in_vain: Callable[[], bool] = bool
     """Returns whether the machine waits too long for the handshake."""
@@ -72,8 +72,8 @@ class Working:
 
 
 class DaemonStatusSource:
-    """Answers the page and executes its commands. ``news`` is called, by the daemon too, after
-    every change that cannot wait for the next tick.
+    """Answers the requests of the page and executes the operator's commands. ``news`` is called, by
+    the daemon too, after every change that cannot wait for the next tick.
     """
 
     def __init__(self) -> None:
@@ -154,7 +154,6 @@ class DaemonStatusSource:
         )
 
     def snapshot(self) -> Snapshot:
-        """Return the present state."""
         working = self._at_work
         shown = snapshot(
             working.shown,
@@ -195,22 +194,16 @@ class DaemonStatusSource:
         )
 
     async def changed(self, sequence: int) -> None:
-        """Return as soon as the number of the snapshot differs from ``sequence``."""
         async with self._changed:
             await self._changed.wait_for(lambda: self._sequence != sequence)
 
     def result_file(self) -> Path | None:
-        """Return the path of result.json of the shown survey; None before the survey is
-        complete.
-        """
         return self._at_work.finisher.result
 
     def folder(self) -> Path:
-        """Return the folder of the shown survey."""
         return self._at_work.shown.folder
 
     def token_guessed(self, address: str, count: int) -> None:
-        """Show a series of wrong tokens on the page at the machine."""
         text = message("page-token-guessed", address=address, count=count)
         self._at_work.session.found(finding("warning", text))
         self.news()
@@ -249,9 +242,6 @@ class DaemonStatusSource:
         working.finisher.take(self.news)
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
-        """Execute a request of a person with the token. Raises UsageError if the present state does
-        not allow the request.
-        """
         _log.info("command", name=name, **_logged(arguments))
         working = self._at_work
         match name:
@@ -288,7 +278,9 @@ class DaemonStatusSource:
 
 
 def _logged(arguments: Mapping[str, str]) -> dict[str, str]:
-    """Return the arguments of a command as fields of the journal, where ``name`` is the command."""
+    """Return the arguments of a command as fields of the journal; the field ``name`` holds the
+    command.
+    """
     return {
         f"given_{key}" if key == "name" else key: arguments[key]
         for key in _ARGUMENTS

@@ -15,7 +15,7 @@ from stepdiag.daq.timing.host_clock import ClockWatch
 LOOK_S = 1.0
 """Longest period of the checks in s; systemd's watchdog may need a shorter one."""
 STOOD_S = 2.0
-"""Delay in s of a check which shows that this process, or the whole computer, stood still."""
+"""Least delay in s of a check that shows: this process, or the whole computer, stood still."""
 _log = structlog.get_logger("daemon")
 
 

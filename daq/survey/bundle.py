@@ -172,8 +172,8 @@ def _read_bounded(path: Path, source: str) -> bytes:
 
 
 def run_record(survey: Survey, survey_file: Path) -> dict[str, str]:
-    """Return the part of a survey that each of its logs contains in ``stepdiag.run``: whether a
-    compensation is active, and the survey's files.
+    """Return the part of a survey that every log of this survey contains in ``stepdiag.run``:
+    whether a compensation is active, and the survey's files.
     """
     bundle = read_bundle(survey_file, survey)
     return {"compensation": compensation_of(survey, bundle).words(), **bundle_to_run(bundle)}

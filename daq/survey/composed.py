@@ -30,8 +30,8 @@ _SILENT = 'transport = "none"\n'
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MachineClass:
-    """The class of a machine for ``[uncertainty]``: an entry of `CLASSES`, its feedback from
-    `FEEDBACKS`, the pitch of its screws in mm.
+    """The class of a machine for ``[uncertainty]``: an entry of `CLASSES`, the machine's feedback
+    from `FEEDBACKS`, and the pitch of the screws in mm.
     """
 
     name: str = "ordinary"
@@ -39,7 +39,7 @@ class MachineClass:
     pitch_mm: float = 10.0
 
     def settings(self) -> list[tuple[str, str, str]]:
-        """Return section, key and value of each setting, as TOML."""
+        """Return section, key and TOML value of each setting that a class of machine states."""
         return [
             ("uncertainty", "machine_class", _quoted(self.name)),
             ("uncertainty", "feedback", _quoted(self.feedback)),
@@ -119,7 +119,7 @@ def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
 
     def unfit(n: int) -> tuple[bool, int, int, int, int]:
         steps = [edge_mm / n for edge_mm in size]
-        # half of twice the pitch is a turn
+        # with twice the pitch, half a wave is a whole turn of the screw
         turns = sum(in_step(step_mm, 2.0 * pitch_mm) for step_mm in steps)
         half_turns = sum(in_step(step_mm, pitch_mm) for step_mm in steps)
         return half_turns > 0, turns, half_turns, abs(n - USUAL), -n

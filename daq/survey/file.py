@@ -1,9 +1,6 @@
 """The survey file (TOML): all settings of a survey, read once and never changed.
 
-    load_survey(path)            file -> Survey
-    parse_survey(text, source)   the same from a log's attachment
-    laser_decoder(survey)        a fresh decoder of the laser's stream
-    head_decoder(survey)         a fresh decoder of the 4-DOF head's stream
+`load_survey` reads a file, and `parse_survey` a text, such as the attachment of a log.
 
 The sections are structs of `daq.survey.models`; the commented file is
 `daq.survey.template.template`.

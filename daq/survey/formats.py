@@ -142,7 +142,7 @@ def _frames(laser: Laser, frames: FramesSection) -> FramesSettings:
 
 
 def head_settings(head: Head) -> FormatSettings:
-    """Return the settings of the head's format."""
+    """Return the settings of the format of the 4-DOF head's stream."""
     if head.format == "tqd":
         tqd = head.tqd
         return TqdSettings(

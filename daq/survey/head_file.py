@@ -1,9 +1,9 @@
 """The calibration file of a 4-DOF head (TOML): identity of the head, date, curves, signs, lever,
 and their uncertainties.
 
-The file travels with the logs (`daq.survey.bundle`). A file of another head is refused, because its
-curves would give plausible but wrong numbers. A field is absent until a command has measured it;
-`require_measured` names the next command.
+The file travels with the logs (`daq.survey.bundle`). The file of another head is refused, because
+the curves would give plausible but wrong numbers. A field is absent until a command has measured
+it; `require_measured` names the next command.
 """
 
 import datetime as dt
@@ -28,7 +28,7 @@ MOST_COEFFICIENTS = 20
 DetectorName = Literal["qd", "psd1", "psd2"]
 AxisName = Literal["x", "y"]
 CURVES = ("qd.x", "qd.y", "psd1.x", "psd1.y", "psd2.x", "psd2.y")
-"""The names of the detectors' curves."""
+"""The names of the curves of the head's detectors."""
 CALIBRATED = (
     *CURVES,
     "qd.rotation_mrad",
@@ -172,7 +172,6 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
     uncertainty: UncertaintyTable = UncertaintyTable()
 
     def detector(self, name: DetectorName) -> DetectorTable:
-        """Return the table of a detector."""
         return {"qd": self.qd, "psd1": self.psd1, "psd2": self.psd2}[name]
 
     def curve(self, name: str) -> AxisTable | None:
@@ -184,7 +183,7 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
     def with_axis(
         self, detector: DetectorName, axis: AxisName, table: AxisTable
     ) -> "HeadFile":
-        """Return the file with an axis of a detector replaced."""
+        """Return the calibration file with a new table for one axis of a detector."""
         changed = msgspec.structs.replace(self.detector(detector), **{axis: table})
         return msgspec.structs.replace(self, **{detector: changed})
 

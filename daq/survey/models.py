@@ -57,7 +57,7 @@ FileName = Annotated[
         description="name-safe-as-folder",
     ),
 ]
-"""A name that is safe as a folder on any file system."""
+"""A name that is allowed for a folder on every file system."""
 HostName = Annotated[
     str,
     Meta(
@@ -425,7 +425,7 @@ class StopRules(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AirSensor(SerialSection, frozen=True, kw_only=True):
-    """A separate sensor of air and material."""
+    """The settings of a separate sensor of air and material."""
 
     format: Literal["ptu300", "line"] = "line"
     pattern: str = ""

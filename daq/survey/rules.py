@@ -145,7 +145,7 @@ def _shifted_lines(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
-    """Check the rotations of an autocollimator or a level in a run."""
+    """Check the rotations that the survey file states for an autocollimator or a level in a run."""
     axis = setup_of(setup).axis
     own = "ABC"[AXES.index(axis)]
     turns = head.angles.turns(axis)

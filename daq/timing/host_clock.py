@@ -14,8 +14,8 @@ LOOKS = 5
 used: the others may have been delayed between the two readings.
 """
 STEP_S = 0.5
-"""Least difference in s between the advances of the time of day and of the host's clock that shows:
-the time of day was set. A time server changes the time of day far more slowly.
+"""Least difference in s between the advances of the time of day and of the host's clock that shows
+that the time of day was set. A time server changes the time of day far more slowly.
 """
 
 
@@ -40,8 +40,8 @@ def wall_offset_ns() -> int:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Events between two readings of the clocks: the change of the time of day (0: not set), the
-    time between the readings, and the computer's sleep in this time.
+    """Changes in s between two readings of the host's clocks: the change of the time of day (0: not
+    set), the time between the readings, and the computer's sleep in this time.
     """
 
     set_by_s: float
@@ -71,5 +71,5 @@ class ClockWatch:
 
 
 def _asleep_ns() -> int:
-    """Return how long the computer has slept since its start."""
+    """Return the time in ns for which the computer has slept since its start."""
     return now_ns() - time.monotonic_ns()

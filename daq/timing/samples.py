@@ -28,7 +28,7 @@ NoticeCode = Literal[
 
 
 class Flag(IntFlag):
-    """Faults of a sample; 0 is a good sample."""
+    """Flags for the faults of a sample; a good sample has the value 0."""
 
     BEAM_LOST = 1
     HEAD_ERROR = 2
@@ -92,12 +92,14 @@ class Samples:
 
 
 class Decoder(Protocol):
-    """Decodes the bytes of one stream. The samples do not depend on the division of the bytes into
-    chunks; only their arrival stamps do.
+    """Decodes the bytes of one stream. The division of the bytes into chunks does not change the
+    samples, only their arrival stamps.
     """
 
     nominal_rate_hz: float | None
-    """The rate as last reported by the instrument or its data sheet; None where unknown."""
+    """The sample rate in Hz last reported by the instrument, or from the data sheet; None if
+    unknown.
+    """
     gaps_visible: bool
     """Whether a lost sample leaves a gap in the counter."""
     latency_s: float

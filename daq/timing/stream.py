@@ -3,7 +3,7 @@
 Chunks are decoded on request, or after a second: twenty chunks at once take little more time than a
 single chunk. The samples must not depend on the time of decoding, or a replay would differ from the
 live run. So a decoder takes several chunks at once only if they hold plain samples alone, every
-sample keeps the arrival of its own chunk, and old samples are discarded by whole chunks.
+sample keeps the arrival of its own chunk, and whole chunks of old samples are discarded.
 """
 
 import math
@@ -49,8 +49,8 @@ instrument.
 """
 UNWATCHED_NS = 500_000_000
 UNWATCHED_PERIODS = 3.0
-"""A gap between samples longer than both (time in ns, number of sample periods) is a possible loss
-of the count: a beam cut and restored within the gap leaves no trace.
+"""Limits of a gap between samples, in ns and in sample periods: a gap above both is a possible loss
+of the count, because a beam cut and restored in the gap leaves no trace.
 """
 
 LINE_LOST, NOT_RECORDED = message("line-lost-once"), message("recording-part-missing")

@@ -12,27 +12,24 @@ pass through the control: its steps are an independent witness of the machine's 
 Hypotheses. The pass starts at the first stop of a route (setup, direction, axis order, box); stop i
 has the planned position x_i and the nominal reading n_i. A cause changes exactly one statement:
 
-    positions    p = k x + c per axis      offset, sign, factor, permutation, diameter, a register
-    that is not the commanded position
-    laser        r_i - r_(i-1) = f (n_i - n_(i-1))          sign, optics factor, unit
-    time         the laser's move begins and ends later or earlier than the signals' move: latency
-    of the laser or of the control (both
-                 edges alike), a stop bit that comes before the machine rests (the second edge
-                 alone). The steps are then those of the
-                 moves at that time: a window between late signals may hold the reading of the next
-                 stop
-    route        another axis order, another setup than the code states, another box. Orders that
-    nothing tells apart, because two axes
-                 make the same step, are one hypothesis with two values
+- Positions: p = k x + c per axis, with a wrong offset, sign, factor, permutation or diameter, or a
+  register that is not the commanded position.
+- Laser: r_i - r_(i-1) = f (n_i - n_(i-1)), with a wrong sign, optics factor or unit.
+- Time: the laser's move begins and ends later or earlier than the signals' move. A latency of laser
+  or control shifts both edges alike; a stop bit that comes before the machine rests shifts the
+  second edge alone. The steps are then those of the laser's moves: a window between late signals
+  may hold the reading of the next stop.
+- Route: another axis order, another setup than the code states, another box. Two orders in which
+  two axes make the same step cannot be separated; they are one hypothesis with two values.
 
 Likelihood. Every coordinate scatters by `PLACED_MM` about its hypothesis, or is an outlier with
 probability `OUTLIER`, spread over `RANGE_MM`; every step of the laser likewise, by the noise of a
 step in the chain (`naming.walk.noise_mm`). A free number fitted to the standstills (an offset, a
 length) costs ln(RANGE_MM / PLACED_MM), the price of its search (Occam's factor, MacKay 2003,
-chapter 28); a cause costs `CAUSE`, the prior odds against a wrong statement. "The file is right"
-costs nothing; each standstill that is not the next stop (a feed hold, a stop driven twice or not
-seen) costs `FAILURE`, over the best path of stops: one odd standstill is no cause over a whole
-pass, but two or three that a common line explains are.
+chapter 28); a cause costs `CAUSE`, the prior odds against a wrong statement. The hypothesis of a
+right file costs nothing, except `FAILURE` for each standstill that is not the next stop (a feed
+hold, a stop driven twice or not seen) on the best path of stops. So one odd standstill is no cause
+over a whole pass, but two or three that a common line explains are.
 
 Decision. From the third standstill on, a cause is named when it is e^`SURE` times as likely as a
 right file and as every cause that changes another line, and when the laser has confirmed two of its

@@ -91,9 +91,9 @@ class CauseFinder:
     found: Cause | None = None
     over: bool = False
     plain: bool = False
-    """Whether the unchanged file has fitted the standstills."""
+    """Whether the unchanged survey file has fitted the standstills."""
     undecided: bool = False
-    """Whether two causes with equal fit were reported."""
+    """Whether a finding about two causes with equal fit was raised."""
 
     def take(self, stand: Stand, setup: str | None, expected: int) -> list[Finding]:
         """Add the next standstill. ``setup`` is the setup that the signals state, ``expected`` the

@@ -148,8 +148,8 @@ class Library:
         ]
 
     def _order_causes(self, setup: str, shown: Matrix | None) -> Iterator[Cause]:
-        """Yield every other order of the axes. Orders that no observation separates, because two
-        axes make the same step, are one cause.
+        """Yield a cause for every other order of the axes. Orders that no observation separates,
+        because two axes make the same step, are one cause.
         """
         alike: dict[bytes, tuple[list[str], Route]] = {}
         planned = self.survey.planned
@@ -259,7 +259,7 @@ class Library:
         return out if outward else back
 
     def _map_causes(self, route: Route, shown: Matrix) -> Iterator[Cause]:
-        """Yield every wrong map of the positions (offset, sign, factor and others) on the route
+        """Yield the causes in the map of positions (offset, sign, factor and others), on the route
         that the file states.
         """
         first = shown[0]
@@ -360,8 +360,8 @@ class Library:
         )
 
     def _code_causes(self, setup: str | None) -> Iterator[Cause]:
-        """Yield every other setup of the plan: the machine drives that setup, and the code states
-        another.
+        """Yield a cause for every other setup of the plan: the machine drives this setup, and the
+        signals' code states another.
         """
         code = self.evidence.stands[0].signals.setup
         for name in self.hints:

@@ -164,8 +164,8 @@ class Cause:
         return steps
 
     def parts_from(self, other: "Cause", stops: int) -> int | None:
-        """Return the number of the first stop, after the given number, at which another hypothesis
-        shows another position or step; None without such a stop.
+        """Return the number of the first stop, after the first ``stops``, at which two hypotheses
+        differ in position or step; None without such a stop.
         """
         count = min(len(self.route), len(other.route))
         apart = np.any(

@@ -119,7 +119,7 @@ def _marked(
 
 
 def credible_of(stop: CapturedStop) -> dict[str, Credible]:
-    """Return the accepted conditions of a stop."""
+    """Return the accepted values of air and material at a stop."""
     values = {name: getattr(stop, name) for name in COURSES if name not in stop.held}
     return {
         name: Credible(value=value, time_s=stop.time_s)

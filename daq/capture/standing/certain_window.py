@@ -36,8 +36,8 @@ AWAY_MM = 0.2
 machine.
 """
 AWAY_SHARE = 0.25
-"""Share of a short step that replaces `AWAY_MM` if it is smaller; if the share is below `STILL_MM`,
-the approach is not judged.
+"""Share of a step that replaces `AWAY_MM` for short steps; if this share of a step is below
+`STILL_MM`, the approach is not judged.
 """
 
 STEADY_SIGMAS = 3.0
@@ -82,7 +82,7 @@ class Part:
 
 def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
     """Return the parts of a dwell between certain or possible losses of the count; at least one
-    part. Each ends with its last sample.
+    part. Each part ends with its last sample.
 
     The time of a loss is the arrival of the first chunk after the loss. Samples of this chunk with
     earlier times may be from after the loss, so they belong to no part.
@@ -112,8 +112,8 @@ def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Tak
 
     Usually there is a single part. A loss of the count within the dwell can leave a part before and
     a part after the loss: the machine stood throughout, so the difference of both parts is the
-    error of the count. Of the parts before a loss, only a window without any doubt is used, unless
-    there is no other window.
+    error of the count. A window from before a loss is used only if it has no doubt, or if there is
+    no other window.
     """
     *before, last = unbroken_parts(stream, dwell)
     earlier = [
@@ -125,7 +125,8 @@ def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Tak
 
 
 def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | None:
-    """Return the stream's mean over a part of a dwell, or None where no usable sample lies in it.
+    """Return the window, with the mean of the stream, over a part of a dwell; None if the part has
+    no usable sample.
 
     The first ``settle_s`` are left out. If the readings are not steady yet, later and shorter
     windows are tried, down to the shortest allowed length. A step after ``settle_s``, or a frozen
@@ -256,7 +257,7 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
 
     Approaches of a place from both sides differ by the reversal value. Position registers give only
     the place; without a stop counter, a stop of the return pass looks like a stop of the outward
-    pass. The laser has measured the approach.
+    pass. The laser's samples show the approach.
 
     The standstill begins at ``begin_ns`` with the reading ``taken``; ``step_mm`` is the expected
     reading of the step. None if the approach was not observed: the step is too short, there are no

@@ -1,14 +1,13 @@
 """From polls to dwells: the machine's standstills by its signals only.
 
-At the answer to a standing poll the machine may already be moving again, and it may have stood
-since just after the previous poll. Only the time from the answer to the first standing poll to the
-request of the last standing poll is certain.
+When a poll that reports a standing machine is answered, the machine may already be moving again;
+and it may have stood since just after the previous poll. Only the time from the answer to the first
+standing poll to the request of the last standing poll is certain.
 
-    observation   no dwell open   a dwell open
-    moving                        close
-    same          open            extend       (same, none open: the first dwell, or the stop signal
-                                               fell and rose without a new count)
-    new           open            close, open
+- A moving machine closes the open dwell.
+- A machine at the same stop extends the open dwell. Without an open dwell it opens one: the first
+  dwell, or a dwell after the stop signal fell and rose without a new count.
+- A machine at a new stop closes the open dwell and opens another.
 
 A poll without an answer changes nothing: the next answer decides.
 
@@ -169,8 +168,8 @@ def _median_place(held_ns: Mapping[Place, int]) -> Place:
 
 
 def same_stop(one: Signals, other: Signals) -> bool:
-    """Return whether two polls belong to the same stop, by counter and commanded position; without
-    both, every standstill counts as the same stop.
+    """Return whether two polls belong to the same stop, by stop counter and commanded position;
+    without both signals, every standstill counts as the same stop.
     """
     if one.stop_count != other.stop_count:
         return False
@@ -222,7 +221,6 @@ class Standstills:
         return bool(self._waiting)
 
     def add(self, dwell: Dwell) -> None:
-        """Add a closed dwell."""
         self._waiting.append(_alone(dwell))
 
     def first(self) -> Dwell:
@@ -274,7 +272,9 @@ class Standstills:
         )
 
     def are(self, going_on: Dwell, placing: Placing | None) -> bool:
-        """Return whether all waiting dwells are earlier parts of the open dwell."""
+        """Return whether all waiting dwells are earlier parts of the standstill of an open
+        dwell.
+        """
         return all(bool(_one(each, going_on, placing)) for each in self._waiting)
 
     def taken_early(self, dwell: Dwell) -> None:
@@ -315,9 +315,7 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
 
 
 def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
-    """Return the samples at the beginning of a dwell, in mm: the last samples before its first poll
-    ends, or after it for a dwell of a single poll.
-    """
+    """Return a few readings in mm from the beginning of a dwell."""
     span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + SAMPLES_WAIT_NS))
     shown, begun = np.searchsorted(
         span.time_ns,
@@ -330,8 +328,8 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
 
 
 def _single_dwell(before: _Waiting, after: Dwell) -> _Waiting:
-    """Return two dwells joined to a single dwell: both if no move was observed in between, else the
-    longer one; with the signals of the longer one.
+    """Return a single dwell for two dwells: the joined time of both if no move was observed in
+    between, else the longer dwell; the signals are those of the longer dwell.
     """
     lasts_ns = after.to_ns - after.from_ns
     if after.not_before_ns is not None and after.not_before_ns > before.dwell.from_ns:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.ma  # np.unique needs it: loaded at the start, as fft is, not at a stop
+import numpy.ma  # np.unique needs this module; it is loaded here, not at the first stop
 from numpy import fft
 from numpy.typing import NDArray
 
@@ -15,10 +15,10 @@ from stepdiag.base.messages import Message, message
 from stepdiag.daq.timing.stream import Break, Span
 
 SIGMAS = 5.0
-"""Limit of noise, in standard deviations."""
+"""Number of standard deviations that noise does not exceed."""
 LEAST_SAMPLES = 3
 """Least number of samples that shows its own scatter, or a move; fewer may be single wrong lines of
-a laser. A polled display gives no more in a short dwell.
+a laser. A polled display sends no more samples in a short dwell.
 """
 MAJORITY = 0.5
 """Share above which a part decides: of a window, of a dwell, or of the way of a leaving machine
@@ -63,8 +63,8 @@ class Window:
     """Statistics of the samples of a stop.
 
     ``u_um`` is the standard uncertainty of the mean, autocorrelation and resolution included;
-    ``scatter_um`` the standard deviation of the samples; ``slope_um_s`` the trend, ``u_slope_um_s``
-    its standard uncertainty.
+    ``scatter_um`` is the standard deviation of the samples; ``slope_um_s`` is the trend, and
+    ``u_slope_um_s`` the trend's standard uncertainty.
     """
 
     mean_mm: float
@@ -82,8 +82,8 @@ def summarise(
     position_mm: NDArray[np.float64],
     resolution_um: float = RESOLUTION_FLOOR_UM,
 ) -> Window:
-    """Return the statistics of samples taken at ``time_s`` (seconds, ascending), both shape (n,), n
-    at least 1.
+    """Return the statistics of samples ``position_mm`` taken at ``time_s`` (seconds, ascending),
+    both of shape (n,), n at least 1.
 
     ``resolution_um`` is the smallest known step of the instrument, used as the uncertainty of equal
     samples. Samples further than five robust standard deviations from the median are left out:
@@ -154,8 +154,8 @@ def _trend(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[fl
 
 
 def _variance_inflation(residual: NDArray[np.float64]) -> float:
-    """Return the factor by which correlation raises the variance of the mean over that of
-    independent samples, at least 1.
+    """Return the factor (at least 1) by which the correlation of the samples raises the variance of
+    their mean.
 
     The factor comes from the initial positive sequence of the autocorrelation of block means (Geyer
     1992): vibration and slow air make neighbouring samples similar, and similar samples count as
@@ -189,8 +189,8 @@ class Plateau:
 def find_plateaus(
     time_ns: NDArray[np.float64], position_mm: NDArray[np.float64], at_least_s: float
 ) -> list[Plateau]:
-    """Return the plateaus that last at least ``at_least_s``, in order of time. Both columns have
-    shape (n,), times ascending.
+    """Return the plateaus that last at least ``at_least_s``, in order of time. ``time_ns`` and
+    ``position_mm`` have shape (n,), times ascending.
     """
     if not len(time_ns):
         return []
@@ -327,7 +327,7 @@ def _squares_of_a_line(blocks: NDArray[np.float64]) -> float:
 
 
 def _longest_run(position_mm: NDArray[np.float64]) -> int:
-    """Return the largest number of consecutive equal values."""
+    """Return the largest number of consecutive equal readings."""
     changes = np.flatnonzero(np.diff(position_mm))
     edges = np.concatenate(([-1], changes, [len(position_mm) - 1]))
     return int(np.max(np.diff(edges))) if len(position_mm) else 0

@@ -12,7 +12,7 @@ from stepdiag.daq.timing.samples import Flag, Notice, NoticeCode, Samples
 Columns = tuple[
     NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.uint16]
 ]
-"""Counter, position in mm, beam, flags; each of shape (rows,)."""
+"""Columns of samples: counter, position in mm, beam and flags, each of shape (rows,)."""
 
 
 class Batch:
@@ -145,4 +145,4 @@ NOTHING = Samples(
     flags=_NO_ROWS[3],
     arrival_ns=_NO_ROWS[0],
 )
-"""The result of a chunk that completes no sample."""
+"""The empty batch of samples: the result for a chunk that completes no sample."""

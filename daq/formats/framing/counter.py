@@ -123,7 +123,9 @@ class CounterTrack:
         return Unwrapped(counter[keep], keep, tuple(breaks))
 
     def _judge(self, row: int, previous: int, current: int) -> tuple[int, Break | None]:
-        """Return the true step from ``previous`` to ``current``, and its fault."""
+        """Return the true step from ``previous`` to ``current``, and the fault of the counter, if
+        any.
+        """
         if current == previous:
             return 0, Break("duplicate", row, message("count-again", count=current))
         step: int | None = current - previous

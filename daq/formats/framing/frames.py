@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stepdiag.base.messages import Message, message
 
 Frames = NDArray[np.uint8]
-"""Whole frames, shape (frames, size)."""
+"""The bytes of whole frames, shape (frames, size)."""
 
 SHOWN = 16
 """Number of bytes outside frames that a message quotes."""
@@ -30,7 +30,7 @@ class Junk:
 
     @property
     def why(self) -> Message:
-        """Return the message about these bytes."""
+        """Return the message about the bytes that belong to no frame."""
         return (
             message("junk-begins", count=self.count, bytes=self.begins.hex(" "))
             if self.begins

@@ -33,15 +33,15 @@ class Place:
     def column(
         self, frames: Frames, order: ByteOrder
     ) -> NDArray[np.float64] | NDArray[np.int64]:
-        """Return this number of every frame, shape (frames,): whole numbers as int64 (larger
-        unsigned numbers wrap), real numbers as float64.
+        """Return the values of this number in all frames, shape (frames,): whole numbers as int64
+        (larger unsigned numbers wrap), real numbers as float64.
         """
         raw = frames[:, self.at : self.at + self.size]
         if order == "big":
             raw = raw[:, ::-1]
         if self.kind == "f":
             kind = f"<f{self.size}"
-            with np.errstate(invalid="ignore"):  # a signalling NaN in the received bytes
+            with np.errstate(invalid="ignore"):  # the received bytes may be a signalling NaN
                 return np.ascontiguousarray(raw).view(kind).ravel().astype(np.float64)
         wide = np.zeros((len(frames), 8), dtype=np.uint8)
         wide[:, : self.size] = raw

@@ -8,15 +8,17 @@ from numpy.typing import NDArray
 LINE_CAP = 4096
 """Longest line in bytes; no instrument sends a line nearly as long for a sample."""
 _QUOTED_BYTES = 40
-"""Bytes of a garbage line that are quoted: enough to recognise it, short in a message."""
+"""Number of quoted bytes of a garbage line: enough to recognise the line, but short in a
+message.
+"""
 
 
 class LineBuffer:
     """Holds the incomplete line at the end of a stream.
 
     ``cap`` is the longest line in bytes, terminator not counted. A longer line is returned as soon
-    as it exceeds the limit, cut off but still longer than ``cap``, so that its reader refuses it;
-    its rest is discarded. So memory stays limited even at a wrong baud rate.
+    as it exceeds the limit, cut off but still longer than ``cap``, so that the decoder refuses the
+    line; the rest of the line is discarded. So memory stays limited even at a wrong baud rate.
     """
 
     def __init__(self, cap: int, terminator: bytes = b"\n") -> None:

@@ -2,9 +2,9 @@
 describes the line.
 
 Vaisala PTU300 in its factory setting: it answers `SEND` with pressure, temperature and humidity
-(``P= 1013.2 hPa T= 31.1 'C RH= 38.3 %RH``; PTU300 User Manual p. 103), perhaps behind a prompt and
-its own echo. A sensor that sends without requests (`RUN`) sends the same lines. **Recalled, not
-looked up:** asterisks stand for a quantity that cannot be measured.
+(``P= 1013.2 hPa T= 31.1 'C RH= 38.3 %RH``; PTU300 User Manual p. 103), perhaps after a prompt and
+the echo of the request. A sensor that sends without requests (`RUN`) sends the same lines.
+**Recalled, not looked up:** asterisks stand for a quantity that cannot be measured.
 """
 
 import math
@@ -52,7 +52,7 @@ _LINE_CAP = 500
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirSettings:
-    """Format of a line.
+    """Format of a line from the sensor of air and material.
 
     ``pattern`` matches the whole line and has one or more of the groups `MEASURED`. The link sends
     ``greeting`` once, and ``request`` every ``poll_s`` seconds; a sensor that sends without

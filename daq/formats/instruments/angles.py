@@ -46,7 +46,7 @@ _LARGEST_URAD = 1e6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnglesSettings:
-    """Format of a line.
+    """Format of a line from the angular instrument.
 
     ``pattern`` matches the whole line and has the group ``first``, optionally ``second`` and
     ``valid`` (1: the first angle is valid, 2: the second, 3: both). The link sends ``greeting``

@@ -103,12 +103,10 @@ class FourdofDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete frame: the stream was interrupted."""
         self._frames.clear()
         self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the samples that ``chunk`` completes."""
         batch = Batch()
         if self._settings.encoding == "binary":
             self._feed_binary(chunk, batch)
@@ -170,7 +168,7 @@ def _is_whole(frame: bytes) -> bool:
 
 def _binary_rows(frames: Frames) -> _Rows:
     values = np.ascontiguousarray(frames[:, 8:44])
-    with np.errstate(invalid="ignore"):  # a signalling NaN in the received bytes
+    with np.errstate(invalid="ignore"):  # the received bytes may be a signalling NaN
         channels = np.where(
             frames[:, 2:3] == _INT32,
             values.view("<i4").astype(np.float64),

@@ -1,5 +1,5 @@
 """`frames`: any instrument that sends a binary frame of fixed size per sample. The survey file
-describes the frame. `line` is the same for text lines.
+describes the frame. The format `line` does the same for text lines.
 """
 
 import math
@@ -26,8 +26,8 @@ LARGEST_FRAME = 1024
 class FramesSettings:
     """Format of a frame and meaning of its numbers.
 
-    A frame is ``sync`` (hexadecimal), the numbers of ``layout`` in their order, and the checksum
-    over all bytes before it from byte ``checksum_from`` on. Position in mm = number x ``scale`` x
+    A frame is ``sync`` (hexadecimal), the numbers of ``layout`` in their order, and a checksum over
+    all bytes from byte ``checksum_from`` to the checksum. Position in mm = number x ``scale`` x
     ``unit``. ``lost_bits``, ``error_bits`` and ``good_bits`` are masks of ``status``: any set bit
     of ``lost_bits`` means a lost beam, any set bit of ``error_bits`` a fault of the instrument; all
     bits of ``good_bits`` must be set.
@@ -172,11 +172,9 @@ class FramesDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete frame: the stream was interrupted."""
         self._frames.clear()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the samples that ``chunk`` completes."""
         batch = Batch()
         for part in self._frames.feed(chunk):
             if isinstance(part, Junk):

@@ -1,7 +1,7 @@
 """`ids3010`: attocube IDS3010 fibre interferometers, JSON-RPC 2.0 over TCP 9090, polled.
 
 Built from the maker's public interface (attocube-systems/IDS-APIs @e0fd387, 2025), not yet tested
-on the instrument. Every request has an id, and every answer repeats it, so that no answer is
+on the instrument. Every request has an id, and the answer repeats this id, so that no answer is
 assigned to another request.
 """
 
@@ -20,7 +20,7 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ids3010Settings:
-    """Settings of the polling. ``axis`` counts from 1. ``interface`` is ``sen`` since firmware 2,
+    """Settings for an IDS3010. ``axis`` counts from 1. ``interface`` is ``sen`` since firmware 2,
     ``ids`` before. The beam strength is the contrast (per mille) divided by ``contrast_full``; the
     beam is lost below ``beam_threshold``. With ``air`` the environmental unit is read too.
     """
@@ -112,11 +112,9 @@ class Ids3010Decoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete answer: a new connection begins with a complete answer."""
         self._lines = LineBuffer(LINE_CAP)
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the readings that ``chunk`` completes."""
         block = self._lines.feed(chunk)
         if not block:
             return NOTHING

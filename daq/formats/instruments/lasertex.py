@@ -2,9 +2,9 @@
 Mbaud.
 
 Built from the public implementation l-pio/pylinef1 (@ba679cd, 2022), not yet tested on the
-instrument. A frame to the device has 8 bytes: AA, two bytes of command, four zeros, CRC. A frame
-from the device has 16 bytes: AA, command, twelve bytes of data, CRC. The CRC is CRC-8/NRSC-5 over
-all preceding bytes of the frame.
+instrument. The 8 bytes of a frame to the device are AA, two bytes of command, four zeros, CRC. The
+16 bytes of a frame from the device are AA, command, twelve bytes of data, CRC. The CRC is
+CRC-8/NRSC-5 over all preceding bytes of the frame.
 """
 
 from collections.abc import Callable
@@ -25,8 +25,8 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LasertexSettings:
-    """Settings of the laser. ``level_full`` is the level (a byte without a stated unit) at full
-    beam; below the part ``beam_threshold`` of this level the beam is lost.
+    """Settings of a Lasertex laser. ``level_full`` is the level (a byte without a stated unit) at
+    full beam; the beam is lost below this level times ``beam_threshold``.
     """
 
     level_full: float = 100.0
@@ -100,13 +100,11 @@ class LasertexDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete frame: the stream was interrupted."""
         self._frames.clear()
 
     def responder(self) -> Callable[[bytes], bytes]:
         """Return a function that answers received bytes: the laser keeps the flags of a lost beam
-        until a command clears them. The link sends this command after receiving the flags, never
-        before.
+        until a command clears them. The link sends this command only after it received the flags.
         """
         frames = FrameBuffer(_SYNC, _SIZE, _is_whole)
 
@@ -126,7 +124,6 @@ class LasertexDecoder:
         return respond
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the samples that ``chunk`` completes."""
         batch = Batch()
         for part in self._frames.feed(chunk):
             if isinstance(part, Junk):

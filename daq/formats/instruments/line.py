@@ -167,7 +167,6 @@ class LineDecoder:
         self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the samples that ``chunk`` completes."""
         block = self._lines.feed(chunk)
         if not block:
             return NOTHING
@@ -190,7 +189,6 @@ class LineDecoder:
         return batch.samples(arrival_ns)
 
     def feed_steady(self, chunks: Sequence[tuple[bytes, int]]) -> Samples | None:
-        """Return the samples of several chunks (`daq.timing.samples.SteadyDecoder`)."""
         data = b"".join(chunk for chunk, _ in chunks)
         block = self._lines.preview(data)
         if self._first_line or not block:
@@ -243,7 +241,7 @@ class LineDecoder:
             return None
         found = (
             self._pattern.fullmatch(text.encode()) if len(line) <= LINE_CAP else None
-        )  # RE2 works on UTF-8: on bytes it is twice as fast as on text
+        )  # RE2 works on UTF-8, so matching bytes is twice as fast as matching text
         if found is None:
             return None
         fields = [None if place is None else found[place] for place in self._places]
@@ -259,7 +257,6 @@ class LineDecoder:
         return int(text) % modulus if modulus else int(text)
 
     def _add(self, rows: list[_Row], batch: Batch) -> None:
-        """Add consecutive rows."""
         if not rows:
             return
         followed = self._track.follow(_counts(rows))

@@ -61,10 +61,10 @@ of the display.
 _STX, _ACK, _LF, _NAK = 0x02, 0x06, 0x0A, 0x15
 _REQUESTS = {"current": b"\x1bA0200\r", "displayed": b"\x1bA0100\r"}
 _GRAMMAR = {
-    "current": re.compile(rb"[+-][0-9]{1,9}"),  # sign and nine digits, no point
+    "current": re.compile(rb"[+-][0-9]{1,9}"),  # sign and nine digits, no decimal point
     "displayed": re.compile(
         rb"[+-]?[0-9]*\.?[0-9]+"
-    ),  # ten to thirteen characters with the point
+    ),  # the displayed value: ten to thirteen characters with the decimal point
 }
 _MM_PER_UNIT = {"mm": 1.0, "inch": 25.4}
 
@@ -98,7 +98,6 @@ class NdDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete answer: the next answer begins with its STX."""
         self._line.clear()
         self._axis = 0
 

@@ -134,11 +134,9 @@ class QudisDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete telegram: a new connection begins with a complete telegram."""
         self._telegrams = _TelegramBuffer()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the readings that ``chunk`` completes."""
         batch = Batch()
         for part in self._telegrams.feed(chunk):
             if isinstance(part, Junk):
@@ -223,7 +221,6 @@ class _TelegramBuffer:
         self._passed = 0
 
     def feed(self, chunk: bytes) -> Iterator[bytes | Junk]:
-        """Yield the telegrams that ``chunk`` completes, and the bytes between telegrams."""
         data, at = self._held + chunk, 0
         while len(data) - at >= 8:
             length, opcode = struct.unpack_from("<ii", data, at)

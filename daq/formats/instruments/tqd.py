@@ -15,8 +15,8 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TqdSettings:
-    """Settings of the detector. ``full_sum_v`` is the sum signal at full beam in volts; the beam is
-    lost below the part ``beam_threshold`` of it, and weak below twice this part.
+    """Settings of a quadrant detector. ``full_sum_v`` is the sum signal at full beam in volts; the
+    beam is lost below this sum times ``beam_threshold``, and weak below twice this limit.
     """
 
     poll_hz: float = 50.0
@@ -46,7 +46,7 @@ class TqdSettings:
 
 
 _READINGS_REQUEST = struct.pack("<HBBBB", 0x0871, 0x03, 0x00, 0x50, 0x01)
-"""Message 0x0871 with parameter 3 from the host 0x01 to the unit 0x50."""
+"""The request for readings: message 0x0871 with parameter 3 from the host 0x01 to the unit 0x50."""
 _ANSWER_BEGINS = struct.pack("<HHBBH", 0x0872, 12, 0x01 | 0x80, 0x50, 0x03)
 """Beginning of message 0x0872 with 12 bytes of data for the host; the first two data bytes repeat
 the parameter.
@@ -79,7 +79,6 @@ class TqdDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete answer: the stream was interrupted."""
         self._frames.clear()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:

@@ -31,7 +31,9 @@ Result = TypeVar("Result")
 CONNECT_S = 5.0
 """Longest time for connecting in s, enough for a dozen requests and answers."""
 _PATIENCE = 3.0
-"""Longest time of a poll as a multiple of plc.timeout_s, the wait for each part of a poll."""
+"""Longest time of a poll as a multiple of plc.timeout_s, which limits the wait for each part of a
+poll.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,7 @@ class Waiter:
         future: asyncio.Future[Result] = loop.create_future()
 
         def later(settle: Callable[[Any], None], outcome: Any) -> None:
-            with suppress(RuntimeError):  # the loop has ended meanwhile
+            with suppress(RuntimeError):  # the event loop has ended meanwhile
                 loop.call_soon_threadsafe(lambda: None if future.done() else settle(outcome))
 
         self._jobs.put(
@@ -107,7 +109,7 @@ class BlockingLink(ABC):
         self._waiter = waiter
 
     async def read(self) -> ModbusBlock:
-        """Poll the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
+        """Poll the ranges (`MachineLink.read`).
 
         Raises LostConnectionError or StaleAnswerError, and RefusedRequestError if every range is
         refused.
@@ -118,11 +120,9 @@ class BlockingLink(ABC):
         return block
 
     async def write_word(self, table: str, address: int, value: int) -> None:
-        """Write the low 16 bits of ``value``. Raises the errors of ``read``."""
         await self._within(lambda: self._write(table, address, value % 65536))
 
     def close(self) -> None:
-        """Close the connection to the control."""
         self._waiter.end()
 
     @abstractmethod

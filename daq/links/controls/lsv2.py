@@ -59,7 +59,7 @@ class Lsv2Settings:
 
 
 class Lsv2Link(BlockingLink):
-    """One connection to the control; made by `open_link`, ended by ``close``."""
+    """A connection to the control, made by `open_link`, ended by ``close``."""
 
     def __init__(
         self,
@@ -257,4 +257,4 @@ def _hush() -> None:
     for name in ("LSV2 Client", "LSV2 TCP"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     root = logging.getLogger()
-    root.addFilter(_is_of_others)  # once, however often
+    root.addFilter(_is_of_others)  # the function acts once, however often it is called

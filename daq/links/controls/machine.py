@@ -20,7 +20,7 @@ class MachineLink(Protocol):
 
     @property
     def refusals(self) -> Mapping[ReadRange, RefusedRequestError]:
-        """The ranges refused in the last poll."""
+        """The ranges that the control refused in the last poll, with the errors."""
         ...
 
     async def read(self) -> ModbusBlock:

@@ -40,7 +40,7 @@ from stepdiag.daq.timing.host_clock import stamp_ns
 
 logging.getLogger("pymodbus.logging").setLevel(
     logging.CRITICAL
-)  # its messages return as errors, which the reconnector reports once
+)  # pymodbus's messages return as errors, which the reconnector reports once
 
 _FIREWALL = message("firewall-modbus")
 CONNECT_S = 2.0
@@ -131,7 +131,7 @@ class ModbusLink:
         """The ranges refused in the last poll."""
 
     async def read(self) -> ModbusBlock:
-        """Poll the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
+        """Poll the ranges (`MachineLink.read`).
 
         Raises SilentDeviceError, StaleAnswerError or LostConnectionError, and RefusedRequestError
         if every range is refused.
@@ -171,7 +171,6 @@ class ModbusLink:
             self._in_step = True
 
     def close(self) -> None:
-        """Close the connection to the control."""
         self._client.close()
 
     async def _read_or_refuse(self, wanted: ReadRange) -> bytes:

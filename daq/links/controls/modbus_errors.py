@@ -1,11 +1,6 @@
 """Failures of Modbus, with messages for the person at the machine.
 
-DeviceError
-├── LostConnectionError    nobody there, or the connection ended
-├── SilentDeviceError      connected, no answer in time
-├── StaleAnswerError       the answer to an earlier request, late
-└── RefusedRequestError    an exception reply
-    └── WrongUnitError     the gateway knows no such unit
+All are DeviceErrors; a `WrongUnitError` is also a `RefusedRequestError`.
 """
 
 from stepdiag.base.errors import DeviceError
@@ -25,7 +20,7 @@ class StaleAnswerError(DeviceError):
 
 
 class RefusedRequestError(DeviceError):
-    """The device answered with an exception."""
+    """The device answered with a Modbus exception."""
 
 
 class WrongUnitError(RefusedRequestError):

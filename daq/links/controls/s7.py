@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 logging.getLogger("snap7").setLevel(
     logging.CRITICAL
-)  # its messages return as errors, which the reconnector reports once
+)  # snap7's messages return as errors, which the reconnector reports once
 
 Result = TypeVar("Result")
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 30.0
@@ -75,7 +75,7 @@ class S7Settings:
 
 
 class S7Link(BlockingLink):
-    """One connection to the control; made by `open_link`, ended by ``close``. ``clock`` returns the
+    """A connection to the control, made by `open_link`, ended by ``close``. ``clock`` returns the
     present time in s.
     """
 
@@ -163,7 +163,9 @@ class S7Link(BlockingLink):
         )
 
     def _ask(self, what: Message, work: Callable[[], Result]) -> Result:
-        """Run a call of the library; raise its errors with a message."""
+        """Run a call of the library; an error of the library becomes a DeviceError with a
+        message.
+        """
         from snap7.error import S7Error, S7TimeoutError
 
         try:

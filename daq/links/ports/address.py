@@ -1,9 +1,11 @@
 """Names of ports: serial ports of this computer, and lines that another computer or a terminal
 server offers on the network.
 
-/dev/serial/by-id/...       a port of this computer socket://host:port          the bytes of the
-line over TCP, as they are; its baud rate is set at the terminal server rfc2217://host:port
-the same, with baud rate, parity and handshake lines set from here (RFC 2217)
+- ``/dev/serial/by-id/...`` is a port of this computer.
+- ``socket://host:port`` is a line whose unchanged bytes come over TCP; the baud rate is set at the
+  terminal server.
+- ``rfc2217://host:port`` is such a line whose baud rate, parity and handshake lines are set from
+  here (RFC 2217).
 """
 
 import re
@@ -22,7 +24,7 @@ _PLACE = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class NetworkLine:
-    """A line on the network."""
+    """A serial line that another computer or a terminal server offers on the network."""
 
     scheme: Literal["socket", "rfc2217"]
     host: str

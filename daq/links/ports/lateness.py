@@ -36,7 +36,7 @@ class Lateness:
         if sending:
             self._sent_s, self._awaited = now, number
             self._asked_s.pop(number, None)
-            self._asked_s[number] = now  # the newest is the last
+            self._asked_s[number] = now  # so the newest request is the last in the dict
             if len(self._asked_s) > TRANSACTIONS_KEPT:
                 del self._asked_s[next(iter(self._asked_s))]
         else:
@@ -60,5 +60,5 @@ class Lateness:
 
     @property
     def words(self) -> Words:
-        """Return the remedy for late answers; empty while there was none."""
+        """Return the remedy for late answers; empty while no answer was late."""
         return message("answers-late", after_s=self.after_s) if self.after_s else ""

@@ -45,8 +45,8 @@ _REMEDIES = {
 
 
 def open_network(settings: SerialSettings, line: NetworkLine) -> Device:
-    """Return the open line. Raises DeviceError for an absent server, or a terminal server that
-    refuses the settings.
+    """Return the opened line on the network. Raises DeviceError for an absent server, or a terminal
+    server that refuses the settings.
     """
     connection = _connect(settings.port, line)
     if line.scheme == "socket":
@@ -79,11 +79,9 @@ class NetworkPort:
         )
 
     def fileno(self) -> int:
-        """Return the descriptor of the connection."""
         return self._connection.fileno()
 
     def read(self, *, ready: bool) -> bytes:  # noqa: ARG002 - a connection tells its end by itself
-        """Return the bytes that have arrived."""
         try:
             data = os.read(self._connection.fileno(), LARGEST_READ)
         except BlockingIOError:
@@ -93,7 +91,6 @@ class NetworkPort:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send ``data``."""
         self._connection.sendall(data)
 
     def lost(self) -> dict[LossKind, int]:
@@ -103,7 +100,6 @@ class NetworkPort:
         return {}
 
     def close(self) -> None:
-        """Close the connection."""
         with contextlib.suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
         self._connection.close()
@@ -118,14 +114,13 @@ class Rfc2217Port(NetworkPort):
         self._codec = codec
 
     def read(self, *, ready: bool) -> bytes:
-        """Return the data of the line."""
+        """Return the data of the line without Telnet commands."""
         data = self._codec.feed(super().read(ready=ready))
         if answer := self._codec.answers():
             super().write(answer)
         return data
 
     def write(self, data: bytes) -> None:
-        """Send ``data``."""
         super().write(self._codec.escaped(data))
 
 

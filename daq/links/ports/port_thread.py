@@ -31,7 +31,7 @@ _T = TypeVar("_T")
 class Losses:
     """The losses of a line, reported at readable intervals.
 
-    The line's counts grow from its opening on; this class returns their growth since the last
+    The counts of a line grow from its opening on; this class returns the growth since the last
     report.
     """
 

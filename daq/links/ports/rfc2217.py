@@ -46,8 +46,8 @@ class ComPort:
         self.speaks = False
         """Whether the other side has sent a Telnet command."""
         self.refused: Message | None = None
-        """Why the line cannot be used with these settings; None while no answer contradicts
-        them.
+        """The reason why the line cannot be used with these settings; None while no answer
+        contradicts the settings.
         """
 
     @property

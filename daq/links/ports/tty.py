@@ -79,7 +79,6 @@ class Tty:
         )
 
     def fileno(self) -> int:
-        """Return the descriptor of the line."""
         return self._line
 
     def read(self, *, ready: bool) -> bytes:
@@ -92,7 +91,6 @@ class Tty:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send ``data`` and wait until the last byte has left."""
         try:
             self._serial.write(data)
             self._serial.flush()
@@ -118,7 +116,6 @@ class Tty:
             return ()
 
     def close(self) -> None:
-        """Close the port."""
         self._serial.close()
 
 

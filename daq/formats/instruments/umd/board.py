@@ -19,10 +19,10 @@ ENVIRONMENT_CODES = {
     5: ("pressure_hpa", 0.01),
     6: ("relative_humidity_percent", 0.1),
 }
-RATE_CODE = 8  # x 100 Hz; a uMD1 changes its rate when the REF frequency asks for it
-FIRMWARE_CODE = 10  # x 100; from v264 on: version in the low, sub-version in the high 16 bits
-HOMODYNE_CODE = 20  # low byte: homodyne axes; next byte: counts a cycle
-FIRMWARE_FLAGS_CODE = 112  # only from v264 on; a diagnostic before
+RATE_CODE = 8  # rate / 100 Hz; a uMD1 changes its rate with the REF frequency
+FIRMWARE_CODE = 10  # version x 100; from v264 on: low 16 bits, high 16 bits sub-version
+HOMODYNE_CODE = 20  # low byte homodyne axes, next byte counts per cycle
+FIRMWARE_FLAGS_CODE = 112  # flags only from v264 on; a diagnostic value before
 
 EIGHT_BIT_PHASE_FLAG = 2
 UMD0_RATE_HZ = 244.14

@@ -98,7 +98,9 @@ class UmdDecoder:
         self.nominal_rate_hz: float | None = None
         """The sample rate in Hz last sent with code 8."""
         self.gaps_visible = False
-        """False until the rate shows a board that counts the samples which it could not send."""
+        """False until the rate shows a board whose sequence number also counts samples that it
+        could not send.
+        """
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
@@ -121,7 +123,6 @@ class UmdDecoder:
         return batch.samples(arrival_ns)
 
     def feed_steady(self, chunks: Sequence[tuple[bytes, int]]) -> Samples | None:
-        """Return the samples of several chunks (`daq.timing.samples.SteadyDecoder`)."""
         data = b"".join(chunk for chunk, _ in chunks)
         rows = None if self._greeted else uniform_rows(self._lines.preview(data))
         if rows is None or not self._goes_on(rows):

@@ -30,8 +30,8 @@ Column = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """Rules that interpret the lines. ``rate_hz`` converts counts per sample to frequencies;
-    ``homodyne`` is None until the board has sent this property.
+    """Rules that interpret the lines of a uMD board. ``rate_hz`` converts counts per sample to
+    frequencies; ``homodyne`` is None until the board has sent this property.
     """
 
     rate_hz: float | None
@@ -54,7 +54,7 @@ class Reading:
         if self.homodyne is None:
             counts[ref == 0] = (
                 np.nan
-            )  # either a head without light or a board that counts quarters of a cycle
+            )  # without REF: a head without light, or a board that counts quarters of a cycle
         return counts / self.counts_per_cycle, flags
 
     def _fraction(self, phase: Column, flags: NDArray[np.uint16]) -> NDArray[np.float64]:

@@ -117,7 +117,7 @@ def uniform_rows(block: bytes) -> Rows | None:
         len(numbers) != lines * fields
         or not -_LIMIT < int(numbers.min()) <= int(numbers.max()) < _LIMIT
     ):
-        return None  # fewer numbers than separators have room for: somewhere a field is empty
+        return None  # there are fewer numbers than fields: a field is empty
     return numbers.reshape(lines, fields)
 
 
