@@ -2,8 +2,9 @@
 value are rejected.
 
 For a rejected value the last credible value is used, with an uncertainty that grows with its age.
-Without an earlier value, the value of the survey file is used, and the stop is doubted if the
-reading depends on it. A reading is recorded in any case: its air can be corrected later.
+Without an earlier value, the value of the survey file is used, and the stop is doubted if its
+reading depends on this value. The reading is recorded in any case; the conditions can be corrected
+later.
 """
 
 import math
@@ -282,8 +283,8 @@ class Conditions:
         )
 
     def _unknown(self, name: str, value: float) -> list[Message]:
-        """Return the doubt of a reading that depends on an unmeasured condition; empty if it does
-        not.
+        """Return the doubt of a reading that depends on an unmeasured condition; empty for any
+        other reading.
         """
         if name in self._credible or name not in self._needed:
             return []

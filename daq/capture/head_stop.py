@@ -40,7 +40,7 @@ TROUBLES: tuple[tuple[Flag, Trouble], ...] = (
 
 class QdView:
     """The head's stream as a length: ``position_mm`` is the lateral movement of the target on the
-    QD, in the direction with the larger movement.
+    QD, in x or y, whichever moves more.
     """
 
     def __init__(self, head: StreamBuffer) -> None:
@@ -78,8 +78,8 @@ class QdView:
 
 
 class AngleView(QdView):
-    """The stream of an autocollimator or a level as a length: ``position_mm`` is the movement of
-    the angle with the larger movement, at the lever `LEVER_MM`.
+    """The stream of an autocollimator or a level as a length: ``position_mm`` is the more moving of
+    the angles, times the lever `LEVER_MM`.
     """
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:

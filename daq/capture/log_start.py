@@ -21,9 +21,9 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
     ``known`` are the readings on the present unbroken count of the laser, by stop of the outward
     route. ``turn`` is the last stop of the previous pass in the other direction: a program that
     reverses there begins the return pass with this stop. ``believed`` are the readings of stops at
-    the end of a pass whose place is assumed: they were the first stops of a pass if the machine's
-    next step is the step after them. ``numbers`` are the numbers of the next pass out and the next
-    pass back, whose order of axes may differ.
+    the end of a pass whose place is only assumed. If the machine's next step is the step after
+    these stops, they were the first stops of a pass. ``numbers`` are the numbers of the next pass
+    out and the next pass back, whose order of axes may differ.
     """
 
     outward: bool = True

@@ -2,9 +2,9 @@
 
 A message holds the events of a stream over a fraction of a second, each event with its own time.
 Measured on noisy lines at 1 kHz with one chunk per line, a message per event takes 16 bytes per
-sample, and batches take 10 to 12. base64 costs 3 bytes per sample more because it hides the digits
-from zstd; a binary schema saves 0.2 bytes and is not readable. So the bytes of a chunk are stored
-as a text, each byte as the character of its number (ISO 8859-1), without loss.
+sample, and batches take 10 to 12 bytes. Encoding with base64 costs 3 bytes per sample more because
+it hides the digits from zstd; a binary schema saves 0.2 bytes and is not readable. So the bytes of
+a chunk are stored as a text, each byte as the character of its number (ISO 8859-1), without loss.
 
 Every event of a log has a number: the event's place in the order of consumption. A batch holds the
 numbers of its events as runs: ``order`` is the number of the first event, followed by turns of

@@ -55,8 +55,8 @@ class LogEnd:
     record; empty if it was not written.
 
     ``dropped_events`` is the number of events that were read but not used, because an earlier event
-    was lost with the damaged part; a mended log contains them too. ``lost_bytes`` is the number of
-    bytes that could not be read.
+    was lost with the damaged part; a mended log contains these events too. ``lost_bytes`` is the
+    number of bytes that could not be read.
     """
 
     events: int

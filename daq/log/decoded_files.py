@@ -80,8 +80,9 @@ def write_parquet(path: Path, log: Log, stream: Stream, blocks: Iterator[Decoded
 
 
 def write_mcap(path: Path, log: Log, stream: Stream, blocks: Iterator[Decoded]) -> int:
-    """Write every sample as a message, and the log's own notes (stops, signals, findings, scene)
-    beside them for a viewer."""
+    """Write every sample as a message, and for a viewer also the log's own notes (stops, signals,
+    findings, scene).
+    """
     with path.open("xb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="stepdiag")

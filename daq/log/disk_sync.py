@@ -11,8 +11,8 @@ from stepdiag.daq.log.part_file import PartFile
 
 
 class DiskSync:
-    """Syncs one file at a time on request. All methods are called from one thread, the
-    recorder's.
+    """Syncs one file at a time on request. All methods are called from the thread of the
+    recorder.
     """
 
     def __init__(self) -> None:

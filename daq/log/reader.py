@@ -126,7 +126,9 @@ class RecordReader:
                 self.damage = damage_of(error)
 
     def _open(self) -> BinaryIO:
-        """Return the opened file, under its old or new name. Raises DataError if there is none."""
+        """Return the opened file of a log, under its old or new name. Raises DataError if neither
+        name exists.
+        """
         try:
             if self.path.suffix == PART_SUFFIX:
                 with suppress(FileNotFoundError):

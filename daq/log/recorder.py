@@ -90,7 +90,7 @@ class _OpenLog:
 
 
 class Recorder:
-    """Writes the logs one after another.
+    """Writes logs, one after another, in a thread of its own.
 
     ``begin``, ``admit``, ``note``, ``end`` and ``stop`` are called from the capturing thread.
     ``on_change`` is called in the recorder's thread whenever its state changes.
@@ -170,8 +170,8 @@ class Recorder:
             self._put(1000, note)
 
     def promise(self, note: Note, saved: Callable[[], object]) -> None:
-        """Record the note of a captured stop, or of the end of its pass, and write it at once
-        together with everything before it.
+        """Record the note of a captured stop, or of the end of its pass, and write the note at
+        once, together with all earlier events and notes.
 
         ``saved`` is called, in the recorder's thread and in the order of the notes, when the note
         would survive the end of the process: only then may the stop be reported. A note that a full

@@ -91,7 +91,7 @@ def _carries_token(survey_text: str) -> bool:
     except (
         ValueError,
         RecursionError,
-    ):  # ValueError includes a whole number of thousands of digits
+    ):  # ValueError: not TOML, or a whole number of thousands of digits
         return False
     return isinstance(page, dict) and bool(page.get("token"))
 

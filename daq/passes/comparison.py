@@ -72,9 +72,9 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
 
 def may_hide_um(each: Pass, stop: int, others: Sequence[Pass]) -> float:
     """Return the largest loss of count on the way to a stop, in um, that is compatible with the
-    other passes of the setup; infinite if no other pass has an unbroken count there.
+    other passes of the setup; infinite if no other pass has an unbroken count on this way.
 
-    Passes with another order of axes are left out: they do not make the same step.
+    Passes with another order of axes are left out, because their steps differ.
     """
     if not each.whole:
         return float("inf")
@@ -92,7 +92,7 @@ def may_hide_um(each: Pass, stop: int, others: Sequence[Pass]) -> float:
 
 def _counted_through(each: Pass, other: Pass, place: int) -> bool:
     """Return whether the pass ``other`` has the same stops as ``each``, and made the step to an
-    outward stop within one stretch of its count.
+    outward stop within one stretch of count.
     """
     along, against = (1 if one.route.outward else -1 for one in (each, other))
     stop = place if other.route.outward else len(other.route) - place

@@ -72,7 +72,7 @@ class Pass:
 
     @property
     def place(self) -> str:
-        """Return the pass in its written form: ``ppp/1``."""
+        """Return the written form of the pass, such as ``ppp/1``."""
         return f"{self.route.setup}/{self.number}"
 
     def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:

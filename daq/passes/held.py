@@ -52,8 +52,8 @@ def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Ass
     """Return the assumptions with the uncertainty of the replaced values of air and material added
     in quadrature.
 
-    The part that is common to all setups is unknown, so the full uncertainty is added to both
-    assumptions: for the whole survey, and from setup to setup.
+    It is unknown which part of the uncertainty is common to all setups, so the full uncertainty is
+    added to both assumptions: for the whole survey, and from setup to setup.
     """
     u: dict[str, float] = {}
     for each in held:

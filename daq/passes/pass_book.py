@@ -177,7 +177,7 @@ class PassBook:
         return round(reading, 6), round((reading - nominal) * 1e3, 3)
 
     def of(self, setup: str) -> list[Pass]:
-        """Return the passes of a setup in the order of their numbers."""
+        """Return the passes of a setup, ordered by number."""
         return [each for each in self.passes if each.route.setup == setup]
 
     def wanted(self) -> list[int]:
@@ -379,7 +379,7 @@ class PassBook:
 
 def _believed_only(stop: CapturedStop) -> bool:
     """Return whether the place of a stop is only assumed, so that no other place may be derived
-    from it.
+    from this place.
     """
     return "place-unknown" in stop.doubt_codes
 

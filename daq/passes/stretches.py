@@ -204,8 +204,8 @@ class Stretches:
         return zeros
 
     def _join(self, zeros: Zeros) -> bool:
-        """Join one further stretch to the stretches with a known zero; return whether this was
-        possible.
+        """Join one further stretch to the stretches with a known zero; return whether a stretch
+        could be joined.
         """
         others = dict.fromkeys(
             entry.stretch
@@ -314,7 +314,7 @@ def _of_one_count(stop: CapturedStop) -> bool:
     """Return whether a reading can be compared with other readings of the same stop. If the window
     has a step, the part in use may belong to the earlier count.
 
-    If the machine reversed at the stop, the axes had approached it from the other side.
+    If the machine reversed at the stop, the axes had approached the stop from the other side.
     """
     return "window-step" not in stop.doubt_codes and not stop.turned
 

@@ -11,8 +11,8 @@ from stepdiag.daq.passes.pass_book import PassBook
 CODE = "clock-unset"
 BUILT = datetime(2026, 11, 22, tzinfo=UTC)
 """The day of the first release. No log is older, so a clock with an earlier day was never set, or
-has lost its time (1970, 2000, the day of the image). Later releases keep the day: older logs keep
-their date.
+has lost its time (1970, 2000, the day of the image). Later releases do not change this day, so that
+the date of older logs does not change.
 """
 
 

@@ -123,7 +123,7 @@ def digest(log: Path) -> str:
 
 def index_holds(log: Path) -> bool:
     """Return whether the index behind the records of a whole log is unchanged: the digest of the
-    records leaves it out.
+    records does not cover the index.
 
     Source: MCAP, Footer: ``summary_crc`` is the CRC-32 of the bytes from ``summary_start`` to the
     checksum itself; 0 means none. The record before the index is DataEnd; readers would skip a

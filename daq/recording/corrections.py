@@ -152,7 +152,7 @@ def _differing(name: str, before: Any, after: Any) -> Iterator[Change]:
 
 
 def corrections_in(folder: Path) -> tuple[Correction, ...]:
-    """Return the corrections of a round in order; the last one is valid."""
+    """Return the corrections of a round in order; the last correction is valid."""
     return tuple(lines_of(folder / CORRECTED, Correction))
 
 

@@ -29,9 +29,10 @@ SECOND_NS = 1_000_000_000
 
 @dataclass(slots=True)
 class _Ear:
-    """The bytes of a line since its opening, until they give readings.
+    """The bytes of a line from its opening until the bytes give readings.
 
-    ``before``: before a loss of the line, a finding has already reported an instrument on it.
+    ``before``: before a loss of the line, a finding has already reported an instrument on this
+    line.
     """
 
     decoder: Decoder

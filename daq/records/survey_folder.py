@@ -12,7 +12,7 @@ EXPORTS = "exports"
 AHEAD = "ahead.json"
 """File with the next passes to drive."""
 REFUSED = "REFUSED.txt"
-"""File that states why there are no files for a control; it stands in their folder."""
+"""File that states why there are no files for a control, in the folder for these files."""
 
 
 def machine_folder(machine: str) -> str:

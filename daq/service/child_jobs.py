@@ -204,8 +204,8 @@ class Finisher:
         await self._keep_budget(folder.parent)
 
     async def _keep_budget(self, folder: Path) -> None:
-        """Pack the oldest finished surveys to meet the limit of size, if there is one; the child
-        writes into the daemon's own log.
+        """Pack the oldest finished surveys if there is a limit of size; the child process writes
+        into the daemon's own log.
         """
         if self._commands.archiving and self._commands.max_gb:
             child = await asyncio.create_subprocess_exec(

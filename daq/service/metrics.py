@@ -54,8 +54,8 @@ def disk_free_bytes(folder: Path) -> int:
 
 
 def words_on_disk(folder: Path, least_gb: float) -> Words:
-    """Return the message about a disk with less free space than ``least_gb``; empty if there is
-    more.
+    """Return the message about a disk with less free space than ``least_gb``; empty for a disk with
+    enough space.
     """
     free_gb = disk_free_bytes(folder) / GB
     return message("disk-left", free_gb=free_gb) if free_gb < least_gb else ""

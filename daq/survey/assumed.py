@@ -15,7 +15,9 @@ from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.daq.survey.models import Environment, Survey, Tolerance, Uncertainty
 
 VACUUM_WAVELENGTH_NM = 633.0
-"""Wavelength in nm for the uncertainty of the refractive index, which hardly depends on it."""
+"""Wavelength in nm used for the uncertainty of the refractive index; this uncertainty hardly
+depends on the wavelength.
+"""
 
 
 def assumptions_of(survey: Survey) -> Assumptions:
@@ -90,7 +92,7 @@ def _stated(section: Uncertainty, environment: Environment) -> Assumptions:
         index=_index(section, environment),
         index_setup=1e-6 * section.index_setup_ppm,
         u_material_c=section.u_material_c,
-        # the template contains the usual value, so this value states nothing
+        # the usual value, which the template contains, is no statement
         material_stated=section.u_material_c != Assumptions().u_material_c,
         u_expansion_um_m_c=section.u_expansion_um_m_c,
         alignment_mrad=section.alignment_mrad,

@@ -552,7 +552,7 @@ def _reachable(field: str, spec: SignalSpec, plc: Plc, source: str) -> Iterator[
 
 
 def _one_telegram(plc: Plc, source: str) -> Iterator[UsageError]:
-    """Check that all signals of an S7 fit into one request, so that they are from one moment
+    """Check that one request reads all signals of an S7, so that the values are from one moment
     (smallest PDU: 240 bytes).
     """
     ranges = plan_reads(plc.signals, ())

@@ -7,5 +7,5 @@ from importlib.resources import files
 
 
 def template() -> str:
-    """Return a survey file with a comment on every field; it is valid unchanged."""
+    """Return the text of a valid survey file with a comment on every field."""
     return files("stepdiag.daq.survey").joinpath("template.toml").read_text(encoding="utf-8")

@@ -1,9 +1,9 @@
 """The clock of this computer that gives every stamp, and the time of day beside it.
 
-Stamps are CLOCK_BOOTTIME: nothing sets this clock, and unlike CLOCK_MONOTONIC it continues while
-the computer sleeps (clock_gettime(2)). So a sleep of the computer and a stopped process leave the
-same trace in a log: a time without samples. The time of day is an offset, written beside the stamps
-and never into them.
+Stamps are CLOCK_BOOTTIME: nothing sets this clock, and unlike CLOCK_MONOTONIC this clock continues
+while the computer sleeps (clock_gettime(2)). So a sleep of the computer and a stopped process leave
+the same trace in a log: a time without samples. A log holds the time of day as an offset beside the
+stamps, never in the stamps.
 """
 
 import time

@@ -28,8 +28,8 @@ WRONG_RATE_NS, WRONG_RATE_SHARE = 500_000_000, 0.2
 arrivals contradict by more is not the instrument's rate.
 """
 SKIP_BINS = 8
-"""If the points of two seconds are all late by most of a sample period, samples were skipped
-without notice; jitter is not the reason.
+"""Number of newest points, two seconds, that show a skip: if all are late by most of a sample
+period, samples were skipped without notice; jitter is not the reason.
 """
 
 
@@ -53,7 +53,8 @@ class Line:
 def lower_line(
     counters: NDArray[np.float64], arrivals: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Return (offset, slope) of the line below all points that has the least mean distance to them.
+    """Return (offset, slope) of the line below all points with the least mean distance to the
+    points.
 
     The line is the edge of the lower convex hull below the mean counter. Needs two points, counters
     ascending.
@@ -151,7 +152,7 @@ class SampleClock:
 
     def _skipped(self) -> bool:
         """Return whether the points of the last two seconds are all late by most of a sample, and
-        in this case keep only them.
+        in this case keep only these points.
 
         An instrument that drops a sample without counting makes every later sample late by one
         period.

@@ -124,7 +124,7 @@ class StreamBuffer:
     @property
     def resolution_um(self) -> float:
         """Return the smallest step in um between two samples until now. After a first movement this
-        step is the instrument's resolution; before, it is infinite.
+        step is the instrument's resolution; before a movement the result is infinite.
         """
         self._settle()
         return self._least_step_mm * 1e3

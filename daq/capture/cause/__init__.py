@@ -3,7 +3,8 @@ correction makes the machine's stops and the laser's steps plausible.
 
 Theory of operation ------------------- A wrong line of the survey file spoils every stop in the
 same way. If each stop is judged alone, such a line gives a hundred findings, and none of them names
-the line. So the standstills of a pass are judged together, before any of them is reported.
+the line. So the standstills of a pass are judged together, before a finding about one of them is
+raised.
 
 Observations. Standstill i of a pass shows a setup code c, decoded positions p_i (mm, three axes, or
 none) and the laser's reading r_i (mm, while its count is unbroken). The laser's signal does not
@@ -28,8 +29,8 @@ step in the chain (`naming.walk.noise_mm`). A free number fitted to the standsti
 length) costs ln(RANGE_MM / PLACED_MM), the price of its search (Occam's factor, MacKay 2003,
 chapter 28); a cause costs `CAUSE`, the prior odds against a wrong statement. The hypothesis of a
 right file costs nothing, except `FAILURE` for each standstill that is not the next stop (a feed
-hold, a stop driven twice or not seen) on the best path of stops. So one odd standstill is no cause
-over a whole pass, but two or three that a common line explains are.
+hold, a stop driven twice or not seen) on the best path of stops. So one odd standstill names no
+cause, but two or three odd standstills that a common line explains do.
 
 Decision. From the third standstill on, a cause is named when it is e^`SURE` times as likely as a
 right file and as every cause that changes another line, and when the laser has confirmed two of its

@@ -210,8 +210,8 @@ class CauseFinder:
         return self.plain and not self.named
 
     def released(self) -> list[Finding]:
-        """Return the withheld findings, which no cause explains. After a line is named, they are
-        returned only if the pass fits the file.
+        """Return the withheld findings, which no cause explains. After a line is named, the
+        findings are returned only if the pass fits the file.
         """
         held, self.held = self.held, []
         return held if self.plain or not self.named else []

@@ -221,9 +221,9 @@ class Library:
         ]
 
     def _length_by_laser(self, setup: str, axis: int, steps: Matrix) -> float:
-        """Return the length in mm of one axis with the best fit of the steps: searched on a grid,
-        then between neighbouring points. If the steps do not depend on the length, the stated
-        length is returned.
+        """Return the length in mm of one axis at which the laser's steps fit best. The length is
+        searched on a grid, then between the neighbouring points. If the steps do not depend on the
+        length, the stated length is returned.
         """
         route, size = self._route(setup), np.array(self.survey.volume.size_mm)
         signs, stated_mm = np.array(route.travel.signs), float(size[axis])
@@ -405,7 +405,7 @@ def laser_change(survey: Survey, factor: float) -> Change:
 
 
 def _resized(plan: Plan, axis: int, length_mm: float) -> Plan:
-    """Return the plan with another length of one axis of its box."""
+    """Return the plan with another length of one axis of the box."""
     x_mm, y_mm, z_mm = (
         length_mm if each == axis else value for each, value in enumerate(plan.volume.size_mm)
     )

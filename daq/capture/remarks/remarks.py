@@ -155,8 +155,8 @@ CODES = {
 
 
 class StreamRemarks:
-    """Reports each kind of trouble with a stream once a log: a wrong baud rate would repeat it a
-    thousand times a second.
+    """Reports each kind of trouble with a stream once per log: a wrong baud rate causes the same
+    trouble a thousand times a second.
     """
 
     def __init__(self, streams: dict[Stream, StreamBuffer]) -> None:
@@ -171,8 +171,8 @@ class StreamRemarks:
             self.listen(outcomes)
 
     def listen(self, outcomes: list[Outcome]) -> None:
-        """Report new remarks of the streams. The capture calls this before it reports its own
-        findings, so that the order is that of the events.
+        """Report new remarks of the streams. The capture calls this method before it reports its
+        own findings, so that all findings have the order of the events.
         """
         for stream, buffer in self._streams.items():
             for notice in buffer.heard():

@@ -5,8 +5,8 @@ and it may have stood since just after the previous poll. Only the time from the
 standing poll to the request of the last standing poll is certain.
 
 - A moving machine closes the open dwell.
-- A machine at the same stop extends the open dwell. Without an open dwell it opens one: the first
-  dwell, or a dwell after the stop signal fell and rose without a new count.
+- A machine at the same stop extends the open dwell. If no dwell is open, it opens the first dwell,
+  or another dwell after the stop signal fell and rose without a new count.
 - A machine at a new stop closes the open dwell and opens another.
 
 A poll without an answer changes nothing: the next answer decides.
@@ -151,8 +151,8 @@ class DwellTracker:
 
 
 def _median_place(held_ns: Mapping[Place, int]) -> Place:
-    """Return for each axis the median of the read positions, each weighted with the time for which
-    it was read.
+    """Return, for each axis, the median of the read positions; the weight of a position is the time
+    for which it was read.
     """
     places = np.array([place for place in held_ns if place is not None])
     weight = np.array(

@@ -21,8 +21,8 @@ JUNK_CAP = 4096
 
 @dataclass(frozen=True, slots=True)
 class Junk:
-    """A number of bytes (``count``) that belong to no frame, and their beginning; reported once
-    until the next frame.
+    """Bytes that belong to no frame: their number ``count``, and the first of these bytes; reported
+    once until the next frame.
     """
 
     count: int

@@ -52,8 +52,8 @@ class Place:
 
 def read_layout(texts: tuple[str, ...], start: int) -> tuple[dict[str, Place], int]:
     """Return the places of the numbers by name, and the byte at which the last number ends.
-    ``texts`` describe them in order (``position i32``, ``skip 2``); the first begins at byte
-    ``start``.
+    ``texts`` describe the numbers in order (``position i32``, ``skip 2``); the first number begins
+    at byte ``start``.
 
     Raises UsageError that names the wrong text.
     """

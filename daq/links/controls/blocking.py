@@ -148,8 +148,8 @@ class BlockingLink(ABC):
         return self._whole(wanted, data)
 
     def _whole(self, wanted: ReadRange, data: bytes) -> bytes:
-        """Return the bytes of a range. Raises StaleAnswerError if their number differs from the
-        requested number.
+        """Return the bytes of a range. Raises StaleAnswerError if the number of bytes differs from
+        the request.
         """
         if len(data) != wanted.byte_count:
             remedy = message("do-made-anew")

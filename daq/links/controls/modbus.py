@@ -263,8 +263,8 @@ async def _nobody(settings: ModbusSettings) -> LostConnectionError:
     """Return the reason for a missing connection. The library hides the reason, so this function
     connects once more.
 
-    Looking up a name has no time limit: its thread is left running if the name server does not
-    answer.
+    Looking up the host's name has no time limit: if the name server does not answer, the thread of
+    the look-up is left running.
     """
     if isinstance(settings, TcpSettings):
         asking = Waiter("modbus again", lambda: None, lambda: None)

@@ -35,8 +35,8 @@ class Device(Protocol):
     detail: Message
     """Description of the open line, shown to the operator."""
     low_latency: bool
-    """Whether bytes arrive at once, instead of after the 16 ms for which a USB adapter may hold
-    them.
+    """Whether received bytes arrive at once; otherwise a USB adapter may hold the bytes for 16
+    ms.
     """
 
     def fileno(self) -> int:

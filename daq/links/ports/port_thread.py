@@ -58,7 +58,7 @@ class Losses:
 
 
 class PortThread:
-    """Opens a port in a separate thread, works on it and closes it there. Each object runs once.
+    """Opens a port, works on it and closes it, all in a separate thread. Each object runs once.
 
     The thread cannot end unnoticed: when ``work`` ends, ``serve`` ends too, with the same
     exception.

@@ -203,7 +203,7 @@ class _Pace:
         self._since_s = time.monotonic()
 
     def note(self, size: int, reads: int) -> None:
-        """Record the size of a chunk and the number of reads that gathered it."""
+        """Record the size of a chunk and the number of its reads."""
         now_s = time.monotonic()
         self.busy = size > BUSY_BYTES_PER_S * (now_s - self._since_s)
         self._since_s = now_s

@@ -74,7 +74,7 @@ class Board:
 
     def hear(self, code: int, data: int) -> Remark | None:
         """Take a low-speed code with its data. Return the remark of the code: a value of air or
-        material always gives one, any other code only if its data changed.
+        material always gives a remark, any other code only if its data changed.
         """
         if code in ENVIRONMENT_CODES:
             name, scale = ENVIRONMENT_CODES[code]

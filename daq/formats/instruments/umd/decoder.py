@@ -39,8 +39,8 @@ class UmdSettings:
     head), 2 for a plane mirror interferometer, 4 for high resolution. Positions are computed with
     the vacuum wavelength; the air index is applied later. ``latency_s`` is the delay inside the
     board (uMD1 v60: 24 sample periods). ``phase_bits`` overrides the width of the phase field that
-    the firmware sends. With None the sent width is used, and until it is received a non-zero phase
-    is flagged.
+    the firmware sends. If it is None, the sent width is used, and a non-zero phase is flagged until
+    this width is received.
     """
 
     axis: int = 1
@@ -80,8 +80,8 @@ class UmdDecoder:
 
     The first line of a stream may lack its beginning: its sample is flagged OUT_OF_RANGE and not
     used. The flag DEVICE_ERROR would mean a loss of count. A line without the configured axis gives
-    the position NaN, flagged DEVICE_ERROR. Until a board with REF = 0 has sent whether it is
-    homodyne, its scale is unknown: the position is NaN, flagged HEAD_ERROR.
+    the position NaN, flagged DEVICE_ERROR. The scale of a board with REF = 0 is unknown until the
+    board sends whether it is homodyne; until then the position is NaN, flagged HEAD_ERROR.
     """
 
     def __init__(self, settings: UmdSettings) -> None:
@@ -98,8 +98,8 @@ class UmdDecoder:
         self.nominal_rate_hz: float | None = None
         """The sample rate in Hz last sent with code 8."""
         self.gaps_visible = False
-        """False until the rate shows a board whose sequence number also counts samples that it
-        could not send.
+        """False until the rate shows that the board's sequence number also counts samples that the
+        board could not send.
         """
         self.latency_s = settings.latency_s
 

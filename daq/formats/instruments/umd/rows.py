@@ -27,8 +27,8 @@ longer.
 _SINGLE_AXIS, _MULTI_AXIS = 8, 16
 _INTEGER = rb"-?[0-9]+"
 _LINE = re.compile(rb"\s*%b(?:\s+%b){7}(?:(?:\s+%b){8})?\s*" % (_INTEGER, _INTEGER, _INTEGER))
-"""A line of whole numbers. Any number of blanks may stand around and between them: uMD2 v2.47r
-sends a blank after the 16 fields.
+"""A line of whole numbers. Any number of blanks may stand around and between the numbers: uMD2
+v2.47r sends a blank after the 16 fields.
 """
 _BANNER = re.compile(rb"[A-Za-z][ -~]{3,}")
 """Printable text that begins with a letter: uMD0 starts with "Minimalist Homodyne Test:"."""
@@ -39,8 +39,8 @@ _LIMIT = 10**18
 """Numbers must be smaller: no count of a board is nearly as large, and smaller numbers fit int64.
 """
 _PADDING = b"0" * 40
-"""A line of 16 numbers below `_LIMIT` is longer than `LINE_CAP` only if it contains so many leading
-zeros.
+"""A line of 16 numbers below `_LIMIT` is longer than `LINE_CAP` only if a number has as many
+leading zeros as this.
 """
 _SMALL_BLOCK = 200
 """Size in bytes below which converting the block as a whole costs more than converting its single
