@@ -1,7 +1,8 @@
 """Tables of the public interface: a column per name, a row per reading, stop, sample, value or
 finding.
 
-`table` gives plain lists; `frame` the same as a pandas DataFrame (``stepdiag[notebook]``).
+`table` returns plain lists; `frame` returns the same columns as a pandas DataFrame
+(``stepdiag[notebook]``).
 """
 
 from collections.abc import Iterable, Sequence
