@@ -155,8 +155,8 @@ def verify(
 def plan(
     survey: Path | str, *, minutes: float | None = None, target_um: float | None = None
 ) -> "Advice":
-    """Return the forecast of a survey file and the surveys that are worth their time, as ``stepdiag
-    plan`` prints them.
+    """Return the forecast of a survey file, and the list of surveys that are worth their time, as
+    printed by ``stepdiag plan``.
 
     ``minutes`` is the available time, ``target_um`` the largest remaining error after compensation
     (rms over the volume). Raises ``UsageError`` for a file that is not a survey.

@@ -55,9 +55,9 @@ def table(of: object) -> Table:
     """Return readings, the stops of a log, its samples, the functions of a result or findings as
     columns of equal length.
 
-    A result gives one row per value of a function: name, unit, position_mm, value, u. The columns
-    of samples are those of `daq.timing.samples.Samples` without channels; ``counter`` is the
-    instrument's own clock. Raises UsageError for another type of value.
+    A result gives one row per value of a function: name, unit, position_mm, value, u. Samples have
+    the columns of `daq.timing.samples.Samples` without channels; ``counter`` is the instrument's
+    own clock. Raises UsageError for another type of value.
     """
     expected = message(
         "one-of", names=("Readings", "RecordedLog", "Samples", "Result", "Finding")

@@ -183,8 +183,8 @@ def run(setup: str, way: Way) -> Message:
 
 
 def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
-    """Return words preceded by their pass and stop. ``stops`` are several stops of the pass; if
-    empty, the stop of ``place`` is used.
+    """Return a message with its pass and stop written before it. ``stops`` are several stops of the
+    pass; if empty, the stop of ``place`` is used.
     """
     if not place.way:
         return words

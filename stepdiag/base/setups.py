@@ -1,4 +1,4 @@
-"""The names of setups and the machine's travel behind them.
+"""The names of setups, each with the travel of the machine that it stands for.
 
     ppp npp pnp ppn        body step diagonal: the axes move one after the other (contract 1)
     face-xy-pp face-xz-np  step diagonal in a face: two axes move one after the other, the third

@@ -182,8 +182,9 @@ def anywhere_mm(volume: Volume) -> Vector:
 
 
 def grid_points_mm(volume: Volume, nodes: int) -> Vector:
-    """Return a regular grid over the volume with so many nodes along each axis, z fastest, shape
-    (nodes ** 3, 3)."""
+    """Return a regular grid over the volume with so many nodes along each axis, the index of Z
+    changing fastest, shape (nodes ** 3, 3).
+    """
     axes = [volume.even_mm(axis, nodes) for axis in range(3)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 

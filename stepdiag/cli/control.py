@@ -342,7 +342,7 @@ def _print_read_back(held: "ReadBack | None", *, before: bool) -> None:
 def _diagonals_alone(
     beside: "list[Compared]", read_back: list[Path], *, as_json: bool
 ) -> None:
-    """Print straight diagonals in comparison with a result, where there are no files to be judged.
+    """Print measured straight diagonals in comparison with a result, if no files are to be judged.
     Raises UsageError if neither diagonals nor files are given.
     """
     if read_back:

@@ -1,4 +1,4 @@
-"""Comparison of results of a machine: the changes of its errors, and whether they exceed the
+"""Comparison of results of a machine: the changes of its errors, and whether a change exceeds its
 uncertainty.
 """
 
@@ -382,7 +382,9 @@ def _rms_um(result: Result, volume: Volume) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """at once or gradually: the interval must include both"""
+    """A quantity in several results, with its standard uncertainties; None in a result that does
+    not identify the quantity.
+    """
 
     name: str
     unit: str

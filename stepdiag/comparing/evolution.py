@@ -6,7 +6,7 @@ The figures of a quantity at N nodes in T surveys are
 
 - ``u_own`` is the own uncertainty of each survey: its combined uncertainty less the part common to
   all surveys with the same instruments (unmeasured angles, wavelength, sensors). The common part
-  shifts all figures alike; it is added again when a figure is compared with a tolerance. A survey
+  shifts all figures equally; it is added again when a figure is compared with a tolerance. A survey
   with other instruments has another common part, which is added to its ``u_own``.
 - ``u_own`` is widened by the whole machine's scatter beyond U, up to `LARGEST_SCATTER` times u: the
   median of all differences between neighbouring surveys, less the part explained by ``u_own``. A
@@ -22,11 +22,11 @@ count as few questions. Courses compete by
 
     log evidence = gain / 2 - log(number of courses of their kind)
 
-so the largest is accepted first, and the search continues with the rest. Its share of the evidence
-of all courses is its probability: the interval of "since when" contains `HELD` of the steps'
-evidence, and a line has a day of leaving only where steps and run-ins have less than the rest. A
-season, which fits any levels of two or three visits, is accepted only if steps and lines have less
-than 1 - `HELD` of the evidence.
+so the course with the largest evidence is accepted first, and the search continues with the
+remaining courses. Its share of the evidence of all courses is its probability: the interval of
+"since when" contains `HELD` of the steps' evidence, and a line has a day of leaving only where
+steps and run-ins have less than the rest. A season, which fits any levels of two or three visits,
+is accepted only if steps and lines have less than 1 - `HELD` of the evidence.
 
 Verdicts: "changed" for an accepted course. "unchanged" if none is accepted and a change of three U
 is excluded at any survey, including a change that is reversed before the next survey, which no step

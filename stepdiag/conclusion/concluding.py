@@ -340,8 +340,8 @@ def _largest_share(result: Result) -> Iterator[Sentence]:
 
 
 def _harmed(exports: Sequence[Export]) -> Iterator[Sentence]:
-    """Yield the places where the files of an export make the machine worse, although they help on
-    the whole.
+    """Yield the places where the files of an export make the machine worse, although the files
+    improve the volume as a whole.
     """
     for one in exports:
         yield from (

@@ -1,4 +1,4 @@
-"""Prediction of the volume before and after compensation."""
+"""The volumetric error predicted before and after compensation, for the conclusion."""
 
 from dataclasses import dataclass
 

@@ -180,7 +180,9 @@ def _cause(key: Key, hall: Talker, setup: str, show: Callable[[Words], None]) ->
 
 
 def _terminal_line(event: dict[str, str]) -> Words:
-    """Return the part of the daemon's messages for the terminal; the page shows the rest."""
+    """Return the part of the daemon's messages for the terminal; the page shows the other
+    messages.
+    """
     match event["event"]:
         case "waiting":
             return message("demo-waits", what=event["what"])

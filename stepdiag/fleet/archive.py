@@ -51,8 +51,8 @@ class Added:
 
 
 def finished_in(folders: Sequence[Path]) -> list[Path]:
-    """Return every folder at or below the given ones that holds a result beside its logs. Raises
-    UsageError without such a folder.
+    """Return every folder, at or below the given folders, that holds a result beside its logs.
+    Raises UsageError without such a folder.
     """
     for folder in folders:
         if not folder.is_dir():
@@ -95,8 +95,7 @@ def undated(folder: Path) -> str:
 
 
 def add(folder: Path, store: Store) -> Added:
-    """Archive a finished survey. A survey that is already archived is found there, and nothing is
-    written.
+    """Archive a finished survey. If the store already contains the survey, nothing is written.
 
     Raises DataError for an unreadable log or result, or for the same logs in the store with other
     results; UsageError if the store cannot be written. After an interruption the survey is not

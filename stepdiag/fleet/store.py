@@ -12,7 +12,7 @@ completely, once, and never changed.
 
 Every byte behind a figure belongs to a hash that is compared: `archived.json` states the hash of
 the survey's files and of its table, and has a canonical form itself; the index begins with the hash
-of the rest.
+of its remaining bytes.
 
 Two writers at once do not disturb each other: they write under different names, and rename. Names
 of machines are percent-encoded.

@@ -393,8 +393,8 @@ def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) 
     """Return the standard uncertainty (k = 1) of the straightness because the QD's gain does not
     grow linearly between the two ends, in um, shape (N, 2).
 
-    A beam with its waist in the middle of its path grows with the square of the distance from
-    there, which gives the largest departure from the chord. The place of the waist is unknown: any
+    A beam with its waist in the middle of its path grows with the square of the distance from its
+    waist, which gives the largest departure from the chord. The place of the waist is unknown: any
     departure up to the largest one is equally probable (GUM 4.3.7).
     """
     radius_mm = (

@@ -275,7 +275,7 @@ def _packed(found: Download) -> Response:
         return refused(409, named)
     except (
         OSError
-    ) as why:  # while the file was packed, it was moved away, or its disk was removed
+    ) as why:  # while the file was packed, the file was moved away, or its disk was removed
         return refused(409, message("labelled", name=found.path.name, what=system_words(why)))
     headers = {
         "Content-Disposition": f'attachment; filename="{found.name}"',

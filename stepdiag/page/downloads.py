@@ -16,8 +16,8 @@ from stepdiag.exporters.files.sets import whole
 
 
 def downloads_of(folder: Path) -> tuple[Download, ...]:
-    """Return result, report, readings, controller files and logs of a survey's folder; empty while
-    there are none.
+    """Return result, report, readings, controller files and logs of a survey's folder; an empty
+    list as long as no file exists.
 
     A link that leads out of the folder does not belong to its files.
     """

@@ -27,7 +27,7 @@ LONGEST_TOKEN_BYTES = 1000
 
 
 def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
-    """Return the settings of the page, and make the folder it shows.
+    """Return the settings of the page, and make the folder that the page shows.
 
     Raises UsageError for a secret that others may read, a short token, an invalid certificate.
     """

@@ -162,7 +162,7 @@ class Watched:
         return self._name
 
     def online(self, *, online: bool) -> Online:
-        """Return the message whether the publishing program runs."""
+        """Return the message that states whether the publishing program runs."""
         return Online(online=online, machine=self._machine, survey=self._name)
 
     def now(self) -> tuple[Message, ...]:

@@ -1,5 +1,5 @@
-"""To a broker by MQTT: retained messages at least once, sent when they change, and again after
-every new connection.
+"""Publication to a broker by MQTT. Messages are retained and sent at least once, whenever they
+change, and again after every new connection.
 
 An absent broker is tried again at growing intervals; a refusing broker ends the program with a
 message. Neither affects the recording, which runs in a separate process.
@@ -76,7 +76,7 @@ def publish(
     every_s: float,
     once: bool,
 ) -> None:
-    """Send until SIGTERM or SIGINT, or once.
+    """Send the messages of a survey until SIGTERM or SIGINT, or with ``once`` a single time.
 
     Raises DeviceError for a refusing broker, with ``once`` also for an absent broker, and
     UsageError for invalid certificates.

@@ -17,9 +17,9 @@ the call, the architecture and the arguments as numbers, but no memory behind th
 
 One instruction is 8 bytes: code, jump if true, jump if false, constant (struct sock_filter). The
 data (struct seccomp_data) hold the number at 0, the architecture at 4, argument k at 16 + 8k, its
-lower half first on both architectures. A process without new privileges may set it; TSYNC puts it
-on all threads. A file or socket that is already open stays in use: reading, accepting and answering
-continue.
+lower half first on both architectures. A process without new privileges may set the filter; TSYNC
+puts the filter on all threads. A file or socket that is already open stays in use: reading,
+accepting and answering continue.
 """
 
 import ctypes

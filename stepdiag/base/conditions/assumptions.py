@@ -70,19 +70,19 @@ class Assumptions:
     ``angles_urad`` *: range of each angular function over the travel of its axis; ``angle_urad``
     overrides this range for single functions. ``drift_um`` *: linear drift in one pass without
     return; ``wander_um`` *: irregular drift, summed up to the end of a pass. ``repeatability_um``
-    *: scatter of one approach of one axis to a target; 0.05 to 3 um are likely if the readings show
-    it. ``setup_c`` *: change of the machine's temperature from setup to setup. ``growth_um_m`` *:
-    growth of the axes from the first to the last reading of the survey that no sensor shows.
-    ``expansion_um_m_c``: expansion coefficient of the axes' material, ``u_expansion_um_m_c`` its
-    standard uncertainty. ``index``: relative error of the air's refractive index and the laser's
-    wavelength, the same for the whole survey; ``index_setup``: unmeasured change of this error
-    between setups. ``alignment_mrad``: largest angle of a beam to mirror or travel. ``between_um``:
-    waves of the positioning functions too short for the targets. ``reading_um`` is used for a stop
-    without its own noise. ``material_c``: temperature of the axes, ``u_material_c``: its standard
-    uncertainty. This uncertainty belongs to lengths at 20 C, thus to the readings if
-    ``reduced_to_20_c``. ``material_stated``: the user has stated the temperature. ``shape_um``,
-    ``squareness_urad``, ``scale_um_m``: usual sizes of the errors of a machine of this class, used
-    where no measurement exists.
+    *: scatter of one approach of one axis to a target; 0.05 to 3 um are likely if the readings
+    determine the scatter. ``setup_c`` *: change of the machine's temperature from setup to setup.
+    ``growth_um_m`` *: growth of the axes from the first to the last reading of the survey that no
+    sensor shows. ``expansion_um_m_c``: expansion coefficient of the axes' material,
+    ``u_expansion_um_m_c`` its standard uncertainty. ``index``: relative error of the air's
+    refractive index and the laser's wavelength, the same for the whole survey; ``index_setup``:
+    unmeasured change of this error between setups. ``alignment_mrad``: largest angle of a beam to
+    mirror or travel. ``between_um``: waves of the positioning functions too short for the targets.
+    ``reading_um`` is used for a stop without its own noise. ``material_c``: temperature of the
+    axes, ``u_material_c``: its standard uncertainty. This uncertainty belongs to lengths at 20 C,
+    thus to the readings if ``reduced_to_20_c``. ``material_stated``: the user has stated the
+    temperature. ``shape_um``, ``squareness_urad``, ``scale_um_m``: usual sizes of the errors of a
+    machine of this class, used where no measurement exists.
     """
 
     angles_urad: float = 15.0

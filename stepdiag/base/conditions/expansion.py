@@ -21,8 +21,8 @@ def expansion_um(
 
     ``travel_mm`` (N, 3) is the commanded travel since the pass's first stop, ``direction`` (3,) the
     unit vector of the measuring direction, ``coefficient_um_m_c`` (3,) and ``temperature_c`` (3,)
-    or (N, 3) belong to the axes. Only the expansion of the travel is counted: a shift of the whole
-    machine between two stops is drift, not scale.
+    or (N, 3) are those of the axes. Only the expansion of the travel is counted: a shift of the
+    whole machine between two stops is drift, not scale.
     """
     travel = np.asarray(travel_mm, dtype=np.float64)
     excess = np.asarray(temperature_c, dtype=np.float64) - REFERENCE_TEMPERATURE_C

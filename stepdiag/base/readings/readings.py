@@ -74,8 +74,8 @@ class Readings:
     (material) and ``time_s`` are NaN where unknown. ``beam_mm`` (N, 3) is a point of the beam line
     in machine coordinates, NaN where the beam runs through the pass's first commanded position.
     ``at_20_c`` states for every reading whether it was already reduced to 20 C, ``turned`` whether
-    it is the last reading of the previous pass: every axis reached it from the other side, and
-    stays on that side until it moves.
+    it is the last reading of the previous pass: every axis then reached the stop from the other
+    side, and stays on that side until it moves.
     """
 
     setup: tuple[str, ...]
@@ -352,7 +352,7 @@ def _refuse_half_zeros(
     readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str
 ) -> None:
     """Refuse a pass of whose stops only a part belongs to a stretch of the count: the reference of
-    the others is unknown.
+    the other stops is unknown.
     """
     for key, rows in passes.items():
         without = readings.zero[rows] == NO_ZERO

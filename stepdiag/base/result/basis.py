@@ -38,10 +38,10 @@ class Basis:
     names the lengths that the tables correct (as measured, or at 20 C); None if the result does not
     state this.
 
-    ``material_c`` is the mean temperature of the axes. ``scales`` are the scales that the tables
-    correct, ``other`` those of the lengths that no table corrects. ``air`` holds the assumed
-    conditions of the air without a sensor, by name. ``tool_um`` is the effect of angles on a tool
-    tip 100 mm from the point of the beam on the mirror.
+    ``material_c`` is the mean temperature of the axes. ``scales`` are the scales of the lengths
+    that the tables correct, ``other`` the scales of the lengths that no table corrects. ``air``
+    holds the assumed conditions of the air without a sensor, by name. ``tool_um`` is the effect of
+    angles on a tool tip 100 mm from the point of the beam on the mirror.
     """
 
     assumed: Mapping[str, float]

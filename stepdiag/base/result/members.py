@@ -67,7 +67,7 @@ class Facts:
     state is empty.
 
     ``compensation`` during the measurement is None if the survey leaves the question open;
-    ``active_files`` were active if it was on.
+    ``active_files`` are the files that were active if the compensation was on.
     """
 
     machine: str = ""

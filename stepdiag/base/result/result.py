@@ -125,9 +125,9 @@ class Result:
     these values. ``posterior`` holds the possible differences between the machine and the values in
     ``errors`` and ``expected``. ``reversal`` holds the difference approach in + minus approach in -
     of the functions in ``errors``, zero at the first position, where out-and-back data give it.
-    ``setups`` holds the state of each setup (mirror tilt, drift, repeatability). Members from
-    ``survey`` on are None in a result without them. ``source`` names the result in messages and is
-    not written.
+    ``setups`` holds the state of each setup (mirror tilt, drift, repeatability). The members from
+    ``survey`` on are optional, and None where a result does not contain them. ``source`` names the
+    result in messages and is not written.
     """
 
     volume: Volume
@@ -301,7 +301,7 @@ _ENTRIES = (
     "findings",
     "posterior",
 )
-"""The required members of a result's JSON, by their names."""
+"""The members of a result's JSON besides the optional members, by their names."""
 
 
 def same_result(one: bytes, other: bytes) -> bool:
@@ -364,7 +364,8 @@ def _rounded(value: Any) -> Any:
 
 
 def result_in(path: Path, source: str = "") -> Result:
-    """Return the result in a file; error messages name it ``source`` (the file's name if empty).
+    """Return the result in a file; error messages name the result ``source`` (if empty, the name of
+    the file).
 
     Raises UsageError or DataError for a file that is missing, altered or not a result.
     """

@@ -1,4 +1,4 @@
-"""Rounding for files that must hold the same bytes wherever they are made."""
+"""Rounding for files that must have the same bytes on every computer."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -25,8 +25,8 @@ smaller increase comes from the rounding of tables.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stretch:
-    """A stretch of an axis, for all positions of the other axes, with the length of the error
-    vector there (rms, rigid motion removed), in um, without and with the tables.
+    """A stretch of an axis, for all positions of the other axes. The length of the error vector in
+    the stretch (rms, rigid motion removed), in um, is given without and with the tables.
     """
 
     axis: str

@@ -77,7 +77,7 @@ class SerialLine:
         return self._master >= 0
 
     def plug(self) -> None:
-        """Create the line and point the link to it."""
+        """Create the line, and the symbolic link that names it."""
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)

@@ -55,7 +55,7 @@ def load_files(
 
 def _heidenhain(texts: dict[str, str]) -> ChainTable:
     """Return the correction by .COM tables, whose file names are the names of their axes; with the
-    rows of a kinematics table, if it exists.
+    rows of a kinematics table, if one exists.
     """
     tables = {
         found[1]: text

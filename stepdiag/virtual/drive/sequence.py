@@ -78,7 +78,7 @@ def outward_stops_mm(box: Box, setup: str, axis_order: str = "xyz") -> Array:
     along one axis.
 
     A diagonal starts where ``p`` axes are low and ``n`` axes high and moves one axis at a time in
-    ``axis_order``; a run along one axis leaves the others at their low end.
+    ``axis_order``; a run along one axis leaves the other axes at their low end.
     """
     signs = np.sign(outward_direction(box, setup))
     low = np.array(box.origin_mm, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""An instrument that sends binary frames in the way of many home-made counters.
+"""An instrument that sends binary frames, as many home-made counters do.
 
 A frame: AA 55, a 16-bit sample number, the reading in nanometres (32 bits, signed), the beam in per
 mille (16 bits), a status byte whose lowest bit is a lost beam, and the CRC-16 of the Modbus line

@@ -2,9 +2,9 @@
 traced ray by ray.
 
 A collimated beam leaves the source. On the moving unit a half mirror sends a part of it back (to
-lens 2 and PSD2), the rest goes to a corner cube, comes back displaced and is split between the
-quadrant detector and lens 1 with PSD1. This module uses no equation of the paper: signs and levers
-follow from the geometry.
+lens 2 and PSD2), the other part goes to a corner cube, comes back displaced and is split between
+the quadrant detector and lens 1 with PSD1. This module uses no equation of the paper: signs and
+levers follow from the geometry.
 """
 
 import math

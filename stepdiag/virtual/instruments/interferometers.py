@@ -2,7 +2,7 @@
 HPI-3D (uLine F1), quTools quDIS.
 
 These lasers are written from the public specifications named in docs/lasers.md, not from the
-decoders. The IDS answers single questions, the other two stream on request.
+decoders. The IDS3010 answers single requests; the HPI-3D and the quDIS send a stream on request.
 """
 
 import json

@@ -2,7 +2,7 @@
 
 A chain is written from the workpiece to the tool with ``F`` for the foundation (ISO 10791-6 style):
 ``FXYZ`` is [w b X Y Z t], ``XYFZ`` is [w X' Y' b Z t]; axes left of ``F`` carry the work. Every
-error is the tool's error relative to the work. So a work-side carriage turns everything beyond it
+error is the tool's error relative to the work. So a work-side carriage turns all parts beyond it
 about its own origin before its own travel, and a tool-side carriage after its own travel.
 """
 
