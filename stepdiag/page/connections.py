@@ -1,7 +1,8 @@
 """Admission of connections: their number is limited, a single address may have half of this number,
 and each connection must send its request soon.
 
-The limits apply where a connection is accepted, before it uses any memory or a line in a log.
+The limits apply where a connection is accepted, before the connection uses any memory or a line in
+a log.
 """
 
 import asyncio

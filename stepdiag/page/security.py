@@ -58,8 +58,8 @@ class Guard:
 
     A site whose name points to this computer (DNS rebinding) sends its own name in ``Host``: the
     name must be a loopback name, the called address, or one of ``names``. The ``Origin`` of a POST
-    must prove that the page itself sent it: browsers add this line by themselves, other clients
-    must write it.
+    must prove that the page itself sent it: browsers add this header without a request, other
+    clients must write the header themselves.
     """
 
     def __init__(self, app: ASGIApp, names: Collection[str]) -> None:

@@ -2,8 +2,8 @@
 important at present.
 
 A sentence is a key of the catalogue's section ``page`` with its values; a value that is a list
-holds sentences of its own; stops are counted from 1. The browser shows them in the language chosen
-there.
+holds sentences of its own; stops are counted from 1. The browser shows the sentences in the
+language that its user chose.
 """
 
 from dataclasses import dataclass, field

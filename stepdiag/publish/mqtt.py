@@ -240,8 +240,8 @@ class _Client(aiomqtt.Client):
         )
 
     def let_go(self) -> None:
-        """Close the open connection: after an unexpected packet the library leaves it open and
-        continues to read.
+        """Close the open connection: after an unexpected packet, the library would leave the
+        connection open and continue to read.
         """
         sock = self._client.socket()
         if sock is not None and sock.fileno() >= 0:

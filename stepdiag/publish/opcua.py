@@ -2,8 +2,8 @@
 only.
 
 This module uses only the public interface of asyncua. The library limits connections, messages and
-subscriptions; the walls of the process and its unit limit the rest (docs/security.md). So a client
-can end this server but never the recording, which runs in another process.
+subscriptions; the walls of the process and its unit limit all other resources (docs/security.md).
+So a client can end this server but never the recording, which runs in another process.
 """
 
 import asyncio
@@ -222,8 +222,9 @@ class _Users:
     """Admission of users: every client may read, or only a single user with a password. No client
     may change anything.
 
-    The library opens an unencrypted channel for every client, to query its channels, and also a
-    session over it: an encrypted server (``secure``) refuses such a client here.
+    The library opens an unencrypted channel for every client that queries the server's channels,
+    and would also open a session over it: an encrypted server (``secure``) refuses such a session
+    here.
     """
 
     def __init__(self, user: str | None, password: str | None, *, secure: bool) -> None:

@@ -124,5 +124,5 @@ def read_laboratory(path: Path | None) -> Stated:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file. Raises UsageError where it cannot be read."""
+    """Return the SHA-256 of a file. Raises UsageError where the file cannot be read."""
     return hashlib.sha256(read_bytes(path)).hexdigest()

@@ -16,8 +16,8 @@ from stepdiag.texts.texts import Language
 
 
 def layout_of(readings: Readings, result: Result) -> Layout:
-    """Return the readings with the geometry of the result's volume. Raises ``DataError`` where they
-    belong to another survey.
+    """Return the readings with the geometry of the result's volume. Raises ``DataError`` where the
+    readings belong to another survey.
     """
     return lay_out(readings, "readings", result.volume)
 

@@ -161,8 +161,8 @@ def closure_figures(result: Result, words: dict[str, str]) -> list[Figure]:
 
 
 def field_of(result: Result, correction: Correction | None) -> dict[str, Any] | None:
-    """Return lattice points in mm and the error there in um before and (None without correction)
-    after, rigid motion removed.
+    """Return lattice points in mm, and the error at these points in um, rigid motion removed:
+    before a correction, and after it (None without a correction).
 
     None where an axis did not travel, because there is no volume to draw.
 
