@@ -1,13 +1,12 @@
-"""The public Python interface: readings in, result out; files and their prediction; a log as numpy
-arrays; tables and plots of all of them.
+"""The public Python interface: from readings to a result; compensation files and their predicted
+effect; a log as numpy arrays; tables and plots of these objects.
 
     >>> from stepdiag.api import load_readings, solve
     >>> result = solve(load_readings(READINGS))
     >>> print(f"{result.squareness['C0Y'].value:.1f} urad")
     -20.1 urad
 
-Everything in this module stays compatible from version to version; other functions of the floors
-may move.
+Everything in this module stays compatible from version to version; other functions may change.
 """
 
 from collections.abc import Collection, Sequence
@@ -84,21 +83,23 @@ def load_readings(path: Path | str) -> Readings:
 
 
 def load_angles(path: Path | str) -> Angles:
-    """Return angular functions of a CSV file (axis, position_mm, EA_urad, EB_urad, EC_urad). Raises
-    the errors of `load_readings`.
+    """Return the angular functions in a CSV file (axis, position_mm, EA_urad, EB_urad, EC_urad).
+    Raises the errors of `load_readings`.
     """
     return parse_angles(read_text(Path(path)), Path(path).name)
 
 
 def load_straightness(path: Path | str) -> tuple[MeasuredStraightness, ...]:
-    """Return straightness functions of a CSV file (position_mm, EYX_um, u_EYX_um ..). Raises as
-    `load_readings`."""
+    """Return the straightness functions in a CSV file (position_mm, EYX_um, u_EYX_um ..). Raises
+    the errors of `load_readings`.
+    """
     return parse_straightness(read_text(Path(path)), Path(path).name)
 
 
 def load_result(path: Path | str) -> Result:
-    """Return a result that `save_result`, ``stepdiag solve`` or ``stepdiag run`` wrote. Raises as
-    `load_readings`."""
+    """Return a result that `save_result`, ``stepdiag solve`` or ``stepdiag run`` wrote. Raises the
+    errors of `load_readings`.
+    """
     return result_in(Path(path))
 
 
@@ -118,7 +119,8 @@ def export(
     step_mm: float | None = None,
     accept: Collection[str] = (),
 ) -> ExportReport:
-    """Write the compensation files of a result for a control and return the files and their effect.
+    """Write the compensation files of a result for a control and return the files and their
+    predicted effect.
 
     ``profile`` is the machine's profile (written by ``stepdiag profile``); without a profile the
     export is provisional, with the tables at the measured positions or in steps of ``step_mm``.
@@ -153,8 +155,8 @@ def verify(
 def plan(
     survey: Path | str, *, minutes: float | None = None, target_um: float | None = None
 ) -> "Advice":
-    """Return the forecast of a survey file and the surveys that are worth their time, as ``stepdiag
-    plan`` prints them.
+    """Return the forecast of a survey file, and the list of surveys that are worth their time, as
+    printed by ``stepdiag plan``.
 
     ``minutes`` is the available time, ``target_um`` the largest remaining error after compensation
     (rms over the volume). Raises ``UsageError`` for a file that is not a survey.
@@ -208,10 +210,11 @@ def certificate(
     """Write the digital calibration certificate (DCC) of a result's file and return the number of
     its sources, each named with its SHA-256.
 
-    ``files`` are those of an export, ``laboratory`` is the laboratory's file, ``report`` the report
-    of ``stepdiag report`` on all these, ``left`` the result's file of the survey after loading.
-    `verify_certificate` computes the certificate again. Raises ``UsageError`` where the file
-    already exists, ``DataError`` for files that do not belong to the result.
+    ``files`` are the files of an export. ``laboratory`` is the laboratory's file. ``report`` is the
+    output of ``stepdiag report`` for result, export and laboratory. ``left`` is the result's file
+    of the survey after loading. `verify_certificate` computes the certificate again. Raises
+    ``UsageError`` where the file already exists, ``DataError`` for files that do not belong to the
+    result.
     """
     stated, shown, after = (
         None if path is None else Path(path) for path in (laboratory, report, left)

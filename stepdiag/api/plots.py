@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LATTICE = 5
-"""Points per axis at which the error field is drawn."""
+"""Number of points per axis at which the plot shows the error field."""
 _LONGEST_SHARE = 0.15
 """Length of the longest drawn error vector, as a share of the longest side of the volume."""
 
 
 def plot_functions(result: Result) -> "Figure":
-    """Return a panel for each identified function: the mean of both directions with U (k = 2), and
-    the two directions if the data give them. Raises UsageError without matplotlib, or without an
-    identified function.
+    """Return a figure with a panel for each identified function: the mean of both directions with U
+    (k = 2), and the two directions if the data give them. Raises UsageError without matplotlib, or
+    without an identified function.
     """
     names = [name for name in (*DISPLACEMENTS, *ROTATIONS) if result.knows(name)]
     if not names:
@@ -56,8 +56,8 @@ def plot_functions(result: Result) -> "Figure":
 
 
 def plot_field(result: Result) -> "Figure":
-    """Return the error vectors in the volume, rigid motion removed; the title states the length of
-    the longest.
+    """Return a figure of the error vectors in the volume, rigid motion removed; its title states
+    the length of the longest vector.
 
     Raises UsageError where matplotlib is not installed.
     """
@@ -78,7 +78,7 @@ def plot_field(result: Result) -> "Figure":
 
 
 def plot_closure(result: Result) -> "Figure":
-    """Return the closure of the four diagonals by axis and node, in um.
+    """Return a figure of the closure of the four diagonals by axis and node, in um.
 
     Raises UsageError where matplotlib is not installed or the result holds no closure.
     """

@@ -1,4 +1,4 @@
-"""A log as numbers."""
+"""A log of a survey as numpy arrays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from stepdiag.daq.timing.samples import Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedLog:
-    """One log as numbers. ``laser`` holds every sample in columns; ``stops`` holds the captured
+    """A log as numpy arrays. ``laser`` holds every sample in columns; ``stops`` holds the captured
     stops, in order.
     """
 
@@ -52,7 +52,7 @@ def read_log(path: Path | str) -> RecordedLog:
 
 
 def _one_batch(batches: Sequence[Samples]) -> Samples:
-    """Return batches as one, without their remarks, which the replay gives."""
+    """Return several batches of samples as one, without their remarks, which the replay gives."""
     return Samples(
         counter=np.concatenate([batch.counter for batch in batches]),
         position_mm=np.concatenate([batch.position_mm for batch in batches]),

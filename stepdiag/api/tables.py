@@ -1,7 +1,8 @@
 """Tables of the public interface: a column per name, a row per reading, stop, sample, value or
 finding.
 
-`table` gives plain lists; `frame` the same as a pandas DataFrame (``stepdiag[notebook]``).
+`table` returns plain lists; `frame` returns the same columns as a pandas DataFrame
+(``stepdiag[notebook]``).
 """
 
 from collections.abc import Iterable, Sequence
@@ -54,9 +55,9 @@ def table(of: object) -> Table:
     """Return readings, the stops of a log, its samples, the functions of a result or findings as
     columns of equal length.
 
-    A result gives one row per value of a function: name, unit, position_mm, value, u. The columns
-    of samples are those of `daq.timing.samples.Samples` without channels; ``counter`` is the
-    instrument's own clock. Raises UsageError for another type of value.
+    A result gives one row per value of a function: name, unit, position_mm, value, u. Samples have
+    the columns of `daq.timing.samples.Samples` without channels; ``counter`` is the instrument's
+    own clock. Raises UsageError for another type of value.
     """
     expected = message(
         "one-of", names=("Readings", "RecordedLog", "Samples", "Result", "Finding")

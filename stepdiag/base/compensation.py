@@ -1,5 +1,5 @@
-"""Compensation active in the control during the measurement: the statement of a survey, as its
-result holds it.
+"""The compensation that was active in the control during the measurement: the statement of a
+survey, in the form stored in its result.
 """
 
 import hashlib
@@ -25,12 +25,12 @@ class Statement:
     files: tuple[ActiveFile, ...] = ()
 
     def facts(self, facts: Facts | None = None) -> Facts:
-        """Return the facts of a survey including this statement."""
+        """Return the facts of a survey with this statement about the compensation added."""
         state = None if self.state == UNANSWERED else self.state
         return replace(facts or Facts(), compensation=state, active_files=self.files)
 
     def words(self) -> str:
-        """Return the statement in one line, for log and report."""
+        """Return the statement about the compensation in one line, for log and report."""
         if self.state not in ("off", "on"):
             return "not stated"
         named = "; ".join(
@@ -62,7 +62,9 @@ def stated(
 
 
 def stated_in(result: Result) -> Statement:
-    """Return the statement of a result. Raises ``DataError`` where the statement is damaged."""
+    """Return the statement about the compensation in a result. Raises ``DataError`` where the
+    statement is damaged.
+    """
     facts = result.survey
     if facts is None:
         return Statement()

@@ -45,7 +45,9 @@ from stepdiag.base.volume import Vector, anywhere_mm
 
 SQUARENESS_URAD = "squareness_urad"
 POSITIONING_UM = {"positioning_e_um": "E", "positioning_a_um": "A"}
-"""Tolerances of the figures of ISO 230-2 along every axis, by name."""
+"""Figures of ISO 230-2 along every axis that may have a tolerance: the name of the tolerance and
+the symbol of the figure.
+"""
 COVERAGE = 2.0
 """Every uncertainty shown to a person is expanded, k = 2 (ISO/TR 230-9)."""
 Unit = Literal["um", "urad"]
@@ -57,8 +59,8 @@ def probability(
     """Return the probability that a normal measurand lies from ``least`` (None: minus
     ``tolerance``) to ``tolerance``.
 
-    ``u`` is its standard uncertainty; with 0 the measurand equals its value. Source: JCGM 106:2012,
-    7.3 to 7.5.
+    ``u`` is the standard uncertainty of the measurand; with 0 the measurand equals its value.
+    Source: JCGM 106:2012, 7.3 to 7.5.
     """
     low = -tolerance if least is None else least
     if u == 0.0:
@@ -71,8 +73,8 @@ def _normal(z: float) -> float:
 
 
 def verdict_of(low: float | None, high: float | None, tolerance: float) -> Verdict:
-    """Return the verdict about a measurand with a coverage interval, whose magnitude may be
-    ``tolerance``; without an interval it is not decidable.
+    """Return the verdict about a measurand by its coverage interval; ``tolerance`` is the largest
+    magnitude allowed. Without an interval the measurand is not decidable.
     """
     if low is None or high is None:
         return "not_decidable"
@@ -82,7 +84,9 @@ def verdict_of(low: float | None, high: float | None, tolerance: float) -> Verdi
 
 
 def together(verdicts: Iterable[Verdict]) -> Verdict:
-    """Return the verdict about a machine: not conform if one figure is not, conform if all are."""
+    """Return the verdict about a machine from the verdicts about its figures: not conform if one
+    figure is not, conform if all are.
+    """
     found = set(verdicts)
     if "not_conform" in found:
         return "not_conform"
@@ -90,8 +94,8 @@ def together(verdicts: Iterable[Verdict]) -> Verdict:
 
 
 def with_tolerance(result: Result, tolerance: Mapping[str, float]) -> Result:
-    """Return the result with tolerances, by quantity, and its conformity to them; the unchanged
-    result without tolerances.
+    """Return the result with tolerances, by quantity, and with the verdicts on its conformity to
+    the tolerances; without tolerances the unchanged result.
     """
     if not tolerance:
         return result
@@ -108,7 +112,7 @@ def with_tolerance(result: Result, tolerance: Mapping[str, float]) -> Result:
 
 
 def conformity_of(result: Result) -> Conformity:
-    """Return the conformity of a result to its own tolerances."""
+    """Return the conformity of a result to the tolerances stored in the result."""
     tolerance = result.tolerance or {}
     figures = None if result.predicted is None else result.predicted.without_rigid_motion
     found = (
@@ -137,9 +141,9 @@ def conformity_of(result: Result) -> Conformity:
 
 def _compensated(result: Result) -> Result:
     """Return the result after an ideal compensation: every identified squareness and displacement
-    is zero within its u.
+    function is zero within its u.
 
-    No table removes an angle, and the figures do not contain the reversal in E and A.
+    No table removes an angular error. The figures E and A then do not contain the reversal.
     """
     errors = {
         name: one if one.value is None else replace(one, value=np.zeros_like(one.value))
@@ -155,8 +159,9 @@ def _compensated(result: Result) -> Result:
 def judged_volume(
     tolerance: Mapping[str, float], figures: FieldFigures | None
 ) -> tuple[Judged, ...]:
-    """Return the volumetric figures that have a tolerance; ``figures`` is None where no volume was
-    surveyed."""
+    """Return the verdicts on the volumetric figures with a tolerance; ``figures`` is None where no
+    volume was surveyed.
+    """
     intervals = (None, None) if figures is None else (figures.rms_um, figures.largest_um)
     pairs = zip((VOLUMETRIC_RMS, VOLUMETRIC_LARGEST), intervals, strict=True)
     return tuple(
@@ -212,7 +217,9 @@ def _squareness(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judg
 
 
 def _positioning(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judged]:
-    """Yield E and A of every run along an axis; without such a run they are not decidable."""
+    """Yield the verdicts on the figures E and A (ISO 230-2) of every run along an axis; without
+    such a run both are not decidable.
+    """
     runs = {
         name: found[0]
         for name, found in (result.standards or {}).items()
@@ -245,8 +252,8 @@ def _functions(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judge
 
 
 def _drawn(result: Result, names: list[str]) -> dict[str, tuple[Vector, float]]:
-    """Return the range (largest less smallest value) of functions of machines drawn from the
-    posterior, shape (draws,), and as found.
+    """Return the range (largest less smallest value) of functions: of machines drawn from the
+    posterior, shape (draws,), and of the functions as found.
 
     Straightness and a function whose slope is not identified have their end-point line removed.
     Deviations have the correlations of the posterior and the u that the result states.
@@ -279,14 +286,14 @@ def _drawn(result: Result, names: list[str]) -> dict[str, tuple[Vector, float]]:
 
 
 def _interval(drawn: Vector, found: float, tolerance: float) -> Interval:
-    """Return the interval of a range from ranges of drawn machines, ``found`` is the range of the
-    function found.
+    """Return the interval of a function's range from the ranges of drawn machines; ``found`` is the
+    range of the function as found.
 
-    A range is biased upwards by noise: the estimated range contains the noise once, the draws
-    around it twice. The upper end is that of the draws, so that no machine is accepted because its
-    range is short by chance. The lower end is the lower of two values: that of the draws less twice
-    their bias, or the pivotal interval (2 found - high). A function that a table corrects is zero:
-    only its drawn residue is left.
+    Noise enlarges a range: the estimated range contains the noise once, the ranges of the draws
+    contain it twice. The upper end of the interval is that of the draws, so that no machine is
+    accepted because its range is short by chance. The lower end is the lower of two values: the
+    lower end of the draws less twice their bias, or that of the pivotal interval (2 found - high).
+    A function that a table corrects is zero: only its drawn residue is left.
     """
     low, middle, high = np.quantile(drawn, (TAIL, 0.5, 1.0 - TAIL)).tolist()
     if found:
@@ -297,8 +304,9 @@ def _interval(drawn: Vector, found: float, tolerance: float) -> Interval:
 
 
 def _range(function: Function | None) -> tuple[float | None, float | None]:
-    """Return the range of a function and its standard uncertainty; None where it is not
-    identified."""
+    """Return the range of a function and the standard uncertainty of the range; None for both where
+    the function is not identified.
+    """
     if function is None or function.value is None:
         return None, None
     low, high = int(np.argmin(function.value)), int(np.argmax(function.value))

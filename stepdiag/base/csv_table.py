@@ -11,12 +11,12 @@ from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
 
 LARGEST = 1e12
-"""No position, error, time or count of a machine is nearly as large. A larger number is a mistake,
-and its square would soon not be finite.
+"""Largest magnitude of a number in a table. No position, error, time or count of a machine is
+nearly as large; the square of a larger number would soon not be finite.
 """
 MOST_ROWS = 2_000_000
-"""Largest number of rows of a table: the fastest head gives fewer in a stability test of half an
-hour.
+"""Largest number of rows of a table: the fastest head gives fewer rows in a stability test of half
+an hour.
 """
 
 
@@ -121,8 +121,8 @@ def number_in(
     optional: bool = False,
     least: float = -math.inf,
 ) -> float:
-    """Return the finite number in a field; NaN for an empty or absent optional one. Raises
-    ``DataError`` for any other text.
+    """Return the finite number in a field; NaN for an optional field that is empty or absent.
+    Raises ``DataError`` for any other text.
     """
     text = fields.get(name, "")
     if optional and not text:

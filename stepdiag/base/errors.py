@@ -6,8 +6,8 @@
     ├── DeviceError          a device cannot be reached or misbehaves  (also a ConnectionError)
     └── SafetyError          an export was refused by a safety check   (also a ValueError)
 
-The tree is on the lowest floor so that every floor can raise from it. Only the command line turns a
-cause into an exit code.
+The exceptions are on the lowest floor so that every floor can raise them. Only the command line
+turns a cause into an exit code.
 """
 
 import errno
@@ -18,11 +18,11 @@ from stepdiag.base.messages import Message, Words, message, message_of
 
 
 class StepdiagError(Exception):
-    """An error message: place, expected value, value found and remedy; each a message, a name or a
-    value.
+    """An error message in four parts: place, expected value, value found and remedy. Each part is a
+    message, a name or a value.
 
-    ``where`` names the file and the field or stop (``survey.toml: plc.poll_hz``). ``message`` is
-    the whole; the text of the exception is its English form.
+    ``where`` names the file and the field or stop (``survey.toml: plc.poll_hz``). ``message``
+    contains all four parts; the text of the exception is its English form.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class SafetyError(StepdiagError, ValueError):
     """An export was refused by a safety check; ``code`` names the check: a code of
     docs/findings.md, or code and variant.
 
-    A check that only warns can be accepted by its code.
+    A person can accept a warning of such a check by its code.
     """
 
     def __init__(
@@ -76,8 +76,8 @@ def _of_the_system(code: int) -> Message | None:
 
 
 def system_words(error: Exception | int) -> Words:
-    """Return the refusal of the operating system, by its number: a message for common refusals,
-    else the system's own words.
+    """Return the error for a refusal by the operating system, from the number of the refusal: a
+    message for the common ones, else the text of the operating system.
     """
     code = error if isinstance(error, int) else getattr(error, "errno", None)
     if code is None:

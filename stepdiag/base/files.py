@@ -1,5 +1,5 @@
-"""Files: read up to a limit, written completely or not at all, groups of files together or not at
-all.
+"""Files are read up to a limit of size. A file, or a group of files that belong together, is
+written completely or not at all.
 
 Existing files are kept unless the caller asks otherwise.
 
@@ -22,13 +22,17 @@ from stepdiag.base.errors import DataError, UsageError, system_words
 from stepdiag.base.messages import Words, message
 
 LARGEST_BYTES = 64_000_000
-"""The largest file read into memory at once: no survey leaves a larger file, and a parser may need
-twenty times as much.
+"""Size in bytes of the largest file that is read into memory at once: no survey leaves a larger
+file, and a parser may need twenty times as much.
 """
 LARGEST_SETTINGS_BYTES = 1_000_000
-"""The largest file of settings that a person writes: a survey, a profile, a calibration."""
+"""Size in bytes of the largest settings file that a person writes: a survey, a profile, a
+calibration.
+"""
 LARGEST_TABLE_BYTES = 4_000_000
-"""The largest table of a machine named by a profile, and the largest file in a log."""
+"""Size in bytes of the largest table of a machine that a profile names, and of the largest file
+stored in a log.
+"""
 HASH_SUFFIX = ".sha256"
 FILE_SUFFIXES = (
     ".csv",
@@ -50,7 +54,7 @@ FILE_SUFFIXES = (
     ".xml",
     ".zip",
 )
-"""Endings of files: a name with one of these does not name a folder."""
+"""File endings: a name with one of these endings does not name a folder."""
 
 
 def read_bytes(
@@ -62,10 +66,11 @@ def read_bytes(
     remedy: Words = "",
     blame: type[UsageError | DataError] = DataError,
 ) -> bytes:
-    """Return the bytes of a file; ``where`` is the field that names it, if any; then it must be a
-    file, not a terminal or pipe.
+    """Return the bytes of a file; ``where`` is the field of a file that names this file, if any; a
+    terminal or a pipe is then refused.
 
-    Raises UsageError for an unreadable file, ``blame`` for more than ``largest`` bytes.
+    Raises UsageError for an unreadable file, the error type ``blame`` for more than ``largest``
+    bytes.
     """
     if where and path.exists() and not path.is_file():
         raise UsageError(
@@ -95,7 +100,7 @@ def read_bytes(
 
 
 def as_text(data: bytes, where: str, blame: type[UsageError | DataError] = DataError) -> str:
-    """Return bytes as text. Raises ``blame`` where the bytes are not UTF-8."""
+    """Return bytes as text. Raises the error type ``blame`` where the bytes are not UTF-8."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -110,8 +115,8 @@ def read_text(path: Path) -> str:
     """Return a text file in UTF-8 whose bytes match the hash file beside it; without a hash file
     the text is returned unchecked, since another program wrote it.
 
-    A digit changed by a disk error would be another figure. Raises UsageError for an unreadable
-    file, DataError for a file that is too large, not UTF-8, or does not match its hash.
+    The check finds a digit that a disk error has changed. Raises UsageError for an unreadable file,
+    DataError for a file that is too large, not UTF-8, or does not match its hash.
     """
     data, beside = read_bytes(path), _hash_beside(path)
     if beside.is_file():
@@ -123,11 +128,12 @@ def read_text(path: Path) -> str:
 
 
 def require_hash(data: bytes, line: bytes, where: str, beside: str) -> None:
-    """Raise DataError where the SHA-256 of bytes differs from the ``line`` of sha256sum in the file
-    ``beside``.
+    """Raise DataError where bytes do not have the SHA-256 in ``line``, the line of sha256sum from
+    the file ``beside``.
     """
     found = hashlib.sha256(data).hexdigest()
-    # the name after it is not compared: file and hash may have been copied to another name
+    # the name behind the hash is not compared: file and hash file may have been copied to another
+    # name
     if line[:66] != f"{found}  ".encode("ascii") or not line.endswith(b"\n"):
         expected = f"SHA-256 {as_text(line[:64], beside)}"
         raise DataError(
@@ -141,9 +147,9 @@ def require_hash(data: bytes, line: bytes, where: str, beside: str) -> None:
 def write_together(files: Mapping[Path, bytes], *, over: bool) -> None:
     """Write files that belong together: all of them complete, or none; their folders are made.
 
-    ``over`` older files, which are restored if one of these fails. Otherwise no file is
-    overwritten: the same bytes stay, and other bytes are refused (UsageError) before anything is
-    written. Raises OSError where the disk refuses.
+    With ``over``, older files are replaced, and restored if one of the new files cannot be written.
+    Otherwise no file is overwritten: the same bytes stay, and other bytes are refused (UsageError)
+    before anything is written. Raises OSError for an error of the disk.
     """
     wanted = {
         path: data for path, data in files.items() if over or not _stands_there(path, data)
@@ -171,8 +177,9 @@ def holds(path: Path, data: bytes) -> bool:
 
 
 def write_once(path: Path, text: str) -> None:
-    """Write a text file atomically; its folder is made. The same bytes may be written again; other
-    bytes are refused (UsageError)."""
+    """Write a text file, complete or not at all; its folder is made. The same bytes may be written
+    again; other bytes are refused (UsageError).
+    """
     write_together({path: text.encode("utf-8")}, over=False)
 
 
@@ -215,7 +222,7 @@ def write_new(path: Path, text: str) -> None:
     """
     refuse_existing(path)
     try:
-        path.parent.stat()  # if the folder does not exist, the name is wrong
+        path.parent.stat()  # a missing folder means a wrong name
         write_once(path, text)
     except OSError as error:
         raise UsageError(
@@ -236,7 +243,9 @@ def refuse_file_name(out: Path, expected: str = "a folder") -> None:
 
 
 def _stands_there(path: Path, data: bytes) -> bool:
-    """Return whether the file already exists. Raises UsageError where another is."""
+    """Return whether this file already exists with these bytes. Raises UsageError where a file with
+    other bytes is in its place.
+    """
     if holds(path, data):
         return True
     if path.exists():
@@ -262,7 +271,7 @@ def _publish(part: Path, path: Path, data: bytes, undo: ExitStack, *, over: bool
         return
     before = part.with_name("before")
     if path.is_file():
-        with suppress(OSError):  # a file system without links has no way to undo this
+        with suppress(OSError):  # on a file system without links this step cannot be undone
             before.hardlink_to(path)
     part.replace(path)
     undo.callback(_back, before, path)

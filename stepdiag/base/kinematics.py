@@ -2,7 +2,7 @@
 
 A chain is the order of the axes from workpiece to tool. ``FXYZ`` puts the bed ``F`` first: all axes
 carry the tool. In the ISO 10791-6 form ``[w X' b Y Z t]`` the bed is ``b`` and a prime marks an
-axis that carries the work; primes may be left out, for the place of ``b`` implies them.
+axis that carries the work; primes may be left out, because the position of ``b`` implies them.
 """
 
 from typing import NamedTuple
@@ -17,8 +17,8 @@ from stepdiag.base.volume import Vector
 
 
 class Chain(NamedTuple):
-    """Axes (0, 1, 2) that carry the work, from workpiece to bed, and axes that carry the tool, from
-    bed to tool.
+    """A chain as two lists of axes (0, 1, 2): the axes that carry the work, from workpiece to bed,
+    and those that carry the tool, from bed to tool.
     """
 
     work: tuple[int, ...]
@@ -63,8 +63,9 @@ def abbe_mask(chain: str) -> NDArray[np.float64]:
     coordinate), entries 0 or 1.
 
     The arm of axis ``a`` is ``r_a = mask[a] * (P - origin)`` (theory 2.2). The carriage of a
-    tool-side axis is moved by all work-side axes, the tool-side axes from the bed up to it, and
-    itself; the carriage of a work-side axis is moved by the axes nearer to the workpiece.
+    tool-side axis is moved by all work-side axes, the tool-side axes from the bed up to this
+    carriage, and its own axis; the carriage of a work-side axis is moved by the axes nearer to the
+    workpiece.
     """
     work, tool = parse_chain(chain)
     mask = np.ones((3, 3))

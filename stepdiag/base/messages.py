@@ -1,11 +1,12 @@
-"""A message as a value: a key, arguments with units in their names, and its place. The words are
-made at the place of display.
+"""A message without words: the key of a sentence, and arguments with units in their names. The
+words are made where the message is displayed.
 
     words = message("stop-outlier.alone", stop=5, size_um=12.3, setup="ppp")
     rendered(words, "de")
 
 The catalogue (`texts.patterns`) holds the sentence of every key in every language and the type of
-every argument. A text replaces a message where an old log or result contains only text.
+every argument. An old log or result contains only text; the text then takes the place of the
+message.
 """
 
 import json
@@ -45,8 +46,8 @@ def excerpt(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A sentence of the catalogue and its arguments; its text form is the English sentence. Use
-    `message` to make one.
+    """A sentence of the catalogue and its arguments; ``str`` of a message is the English sentence.
+    Use `message` to make one.
     """
 
     key: str
@@ -65,11 +66,13 @@ class Message:
 
 
 Words = Message | str
-"""A message, or an unchanged text: a name, a value of a file, a sentence of an old log."""
+"""A message, or a text that is shown unchanged: a name, a value of a file, a sentence of an old
+log.
+"""
 Item = Message | str | int
 Argument = Message | str | int | float | Sequence[Item]
 Kept = Message | str | int | float | tuple[Item, ...]
-"""An argument in the form stored in a message: two messages with equal arguments are equal, whether
+"""The stored form of a message's argument: two messages with equal arguments are equal, whether
 read from JSON or made here.
 """
 
@@ -105,11 +108,13 @@ def message_with(key: str, arguments: Mapping[str, Argument]) -> Message:
 
 
 def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
-    """Return an argument as JSON can hold it: numpy's numbers as Python's, long texts cut."""
+    """Return an argument of a message in a form that JSON can hold: numpy's numbers as Python's,
+    long texts cut.
+    """
     match kind:
         case (
             "name" | "setup"
-        ):  # mypy checks the type: a refusal must not break at its own words
+        ):  # mypy checks the type: an error message must not fail because of its own arguments
             return value if isinstance(value, Message) else shortened(str(value))
         case "number" if isinstance(value, int | float):
             return float(value)
@@ -131,7 +136,7 @@ def rendered(words: Words, language: Language) -> str:
     known = sentences().get(words.key)
     if (
         known is None or slots(words.key).keys() != words.arguments.keys()
-    ):  # from a log of another version, without its text
+    ):  # a message from a log of another version, without its text
         return words.key
     filled = (
         "" if slot is None else _filled(slot, words.arguments[slot.name], language)
@@ -147,7 +152,7 @@ def rendered(words: Words, language: Language) -> str:
 def _filled(slot: Slot, value: Any, language: Language) -> str:
     if isinstance(
         value, Message | str
-    ):  # a log of an older version holds some numbers as words
+    ):  # in a log of an older version some numbers are texts
         text = rendered(value, language)
         return setup_words(text, language) if slot.kind == "setup" else text
     match slot.kind:
@@ -168,7 +173,7 @@ def _filled(slot: Slot, value: Any, language: Language) -> str:
 
 
 def way_of(way: Way) -> Message:
-    """Return the direction of a pass as a word."""
+    """Return the direction of a pass (out, back) as a message."""
     return message("way-out" if way == "out" else "way-back")
 
 
@@ -178,8 +183,8 @@ def run(setup: str, way: Way) -> Message:
 
 
 def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
-    """Return words preceded by their pass and stop; ``stops`` are several stops of the pass;
-    without them the stop of the place is used.
+    """Return a message with its pass and stop written before it. ``stops`` are several stops of the
+    pass; if empty, the stop of ``place`` is used.
     """
     if not place.way:
         return words
@@ -192,7 +197,7 @@ def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
 
 
 def where(place: Place) -> Words:
-    """Return a place in words: setup and pass, and the stop if known; empty without a pass."""
+    """Return a place as words: setup and pass, and the stop if known; empty without a pass."""
     if place.pass_number is None:
         return ""
     about: dict[str, Argument] = {"setup": place.setup, "number": place.pass_number}
@@ -214,7 +219,9 @@ def in_every_language(words: Words) -> dict[Language, str]:
 
 
 def message_json(words: Message) -> dict[str, Any]:
-    """Return a message as JSON: key and arguments, messages within it likewise."""
+    """Return a message as JSON: its key and its arguments; an argument that is a message is
+    converted likewise.
+    """
     return {
         "key": words.key,
         "arguments": {name: _json(value) for name, value in words.arguments.items()},
@@ -232,8 +239,8 @@ def _json(value: Argument | Item) -> Any:
 
 
 def kept(words: Words) -> str:
-    """Return a message as JSON text, for a log that also stores the text; empty for a text alone.
-    `of_log` reads it again.
+    """Return a message as JSON text, for a log that stores the message beside its English text; an
+    empty text for words without a message. `of_log` reads the JSON text.
     """
     return (
         json.dumps(message_json(words), ensure_ascii=False)

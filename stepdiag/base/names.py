@@ -17,4 +17,4 @@ SETUP_NUMBERS = {
     22: "fourdof-y",
     23: "fourdof-z",
 }
-"""The setup numbers of the machine's ``setup`` register (contract 2)."""
+"""The numbers of the machine's ``setup`` register, each with its setup (contract 2)."""

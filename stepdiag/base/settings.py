@@ -58,7 +58,7 @@ def read_toml(text: str, source: str) -> dict[str, Any]:
     except (
         ValueError,
         RecursionError,
-    ) as error:  # ValueError also for whole numbers of thousands of digits
+    ) as error:  # tomllib raises ValueError for whole numbers of thousands of digits, too
         raise UsageError(source, expected="TOML", found=str(error)) from error
 
 
@@ -84,7 +84,7 @@ def convert(data: object, model: type[Model], source: str, at: str = "") -> Mode
 
 
 def nearest(word: str, known: list[str]) -> Message:
-    """Return a remedy that names the nearest known word, or all of them."""
+    """Return a remedy that names the nearest known word, or all known words."""
     close = _close(word, known)
     return (
         message("did-you-mean-near", near=close)
@@ -243,7 +243,7 @@ def _check_leaf(value: object, hint: Any, source: str, path: str) -> None:
     endless = isinstance(converted, int | float) and not abs(converted) <= LARGEST
     if endless or (
         isinstance(converted, str) and "\0" in converted
-    ):  # a NUL ends a name where the system reads it
+    ):  # for the operating system a NUL ends a name
         raise refuse(source, path, expectation(inspect.type_info(hint)), value)
 
 

@@ -1,4 +1,4 @@
-"""The names of setups and the machine's travel behind them.
+"""The names of setups, each with the travel of the machine that it stands for.
 
     ppp npp pnp ppn        body step diagonal: the axes move one after the other (contract 1)
     face-xy-pp face-xz-np  step diagonal in a face: two axes move one after the other, the third
@@ -32,17 +32,17 @@ FACE_DIAGONALS = tuple(
 )
 CONTINUOUS_DIAGONALS = tuple(f"body-{diagonal}" for diagonal in BODY_DIAGONALS)
 SETUP_NAMES = (*BODY_DIAGONALS, *FACE_DIAGONALS, *CONTINUOUS_DIAGONALS, *LINEAR_RUNS)
-"""Every setup whose readings the solver accepts, in the order of tables."""
+"""Names of all setups whose readings the solver accepts, in their order in tables."""
 DRIVEN_SETUPS = (*SETUP_NAMES, *FOURDOF_RUNS)
-"""Every setup that a machine drives."""
+"""Names of all setups that a machine can drive."""
 CODED_FROM = 100
-"""Numbers of the ``setup`` register beyond it are places in the plan (contract 2)."""
+"""A number of the ``setup`` register above this number is a place in the plan (contract 2)."""
 _CODES = {name: number for number, name in SETUP_NUMBERS.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """A setup: ``kind`` of travel, its name without shift (``base``), and the number of its
+    """A setup: the ``kind`` of its travel, its name without shift (``base``), and the number of its
     ``shift``, 0 for the usual line.
 
     ``signs`` holds +1, -1 or 0 (standing) per axis for the outward pass.
@@ -56,7 +56,7 @@ class Setup:
 
     @property
     def order(self) -> tuple[int, int]:
-        """Return the place of this setup in tables and files."""
+        """Return the place of this setup in the order of tables and files."""
         return SETUP_NAMES.index(self.base), self.shift
 
     @property
@@ -75,7 +75,9 @@ class Setup:
         return self.kind == "fourdof"
 
     def shifted(self, number: int) -> str:
-        """Return the name of the same travel on the line of another number."""
+        """Return the name of this setup with its line shifted: the same travel, with another number
+        of the line.
+        """
         return f"{self.base}+{number}" if number else self.base
 
 
@@ -131,8 +133,9 @@ def setup_code(setup: str, planned: Sequence[str]) -> int:
 
 
 def setups_meant(code: int | None, planned: Iterable[str]) -> list[str]:
-    """Return the setups of a plan, in its order, that a number of the ``setup`` register may
-    mean."""
+    """Return the setups of a plan that a number of the ``setup`` register may mean, in the order of
+    the plan.
+    """
     names = list(planned)
     if code is not None and CODED_FROM < code <= CODED_FROM + len(names):
         return [names[code - CODED_FROM - 1]]

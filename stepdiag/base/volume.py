@@ -10,37 +10,39 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 MOST_INCREMENTS = 500
-"""Largest number of increments of an axis: out and back along four diagonals, a survey takes
-thirteen hours. For this number the solver takes a minute and 2.4 GB; both grow with the second to
-third power.
+"""Largest number of increments of an axis. With this number, a survey out and back along four
+diagonals takes thirteen hours. The solver then takes a minute and 2.4 GB; both grow with the second
+to third power of the number.
 """
 SHORTEST_MACHINE_MM = 10.0
 
 POSITION_TOLERANCE_MM = 0.125
 """Largest distance of a stop from its target: a program with one decimal is off by 0.05 mm, and a
-G91 program accumulates its rounding. Stop and box together may differ by twice that, as recording
-takes stops (`daq.capture.naming.route`). An error function changes by nanometres over such a
-distance, which `solver.adjustment` subtracts as well.
+G91 program accumulates its rounding. A stop may be off, and the edge of the box as well: their
+difference may be twice as large, as in the recording (`daq.capture.naming.route`). An error
+function changes by nanometres over such a distance, which `solver.adjustment` subtracts as well.
 """
 SHARE_OF_STEP = 0.25
-"""Share of an increment, if smaller: two targets must remain distinct."""
+"""Largest distance of a stop from its target as a share of the increment, used where it is smaller
+than `POSITION_TOLERANCE_MM`: two targets must remain distinct.
+"""
 ROUNDING_MM = 1e-6
-"""Positions so close are equal: no control distinguishes them, and a slope between them has no
-meaning.
+"""Positions that differ by less, in mm, are equal: no control distinguishes them, and a slope
+between them has no meaning.
 """
 
 BESIDE_EVEN, CLOSEST_MM = 0.3, 1.0
-"""Shares of the distance between even targets: the largest shift to either side, and the smallest
-distance.
+"""The largest shift of an irregular target from its even position, as a share of the distance
+between even targets; and the smallest distance of two targets, in mm.
 """
 
 IN_STEP = 0.05
-"""Smallest difference between the step and a whole number of waves, as a share of the wave's
-length; below it ten increments show less than one slow wave.
+"""Smallest difference between an increment and a whole number of waves, as a share of the wave's
+length; with a smaller difference, ten increments show less than one slow wave.
 """
 
 POINTS = 350
-"""Of `anywhere_mm`."""
+"""Number of points of `anywhere_mm`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +71,7 @@ class Volume:
 
     @property
     def travelled(self) -> tuple[bool, bool, bool]:
-        """Return for each axis whether the survey travelled it."""
+        """Return for each axis whether the survey travelled along it."""
         x, y, z = self.size_mm
         return x > 0, y > 0, z > 0
 
@@ -80,7 +82,7 @@ class Volume:
 
     @property
     def tolerance_mm(self) -> Vector:
-        """Return the largest distance of a stop from its target in each axis, shape (3,)."""
+        """Return, for each axis, the largest distance of a stop from its target, shape (3,)."""
         return position_tolerance_mm(self.step_mm)
 
     def nodes_mm(self, axis: int) -> Vector:
@@ -97,8 +99,8 @@ class Volume:
 
 
 def position_tolerance_mm(step_mm: Vector) -> Vector:
-    """Return the largest distance of a stop from its target where targets are ``step_mm`` apart, 0
-    for an axis with one target, shape (k,).
+    """Return the largest distance of a stop from its target for targets that are ``step_mm`` apart,
+    0 for an axis with one target, shape (k,).
     """
     tolerance: Vector = (
         np.minimum(
@@ -110,8 +112,8 @@ def position_tolerance_mm(step_mm: Vector) -> Vector:
 
 
 def reads_like_metres(size_mm: Iterable[float]) -> bool:
-    """Return whether lengths in mm are so small that their unit must be metres: no machine tool has
-    less than a centimetre.
+    """Return whether lengths in mm are so small that they must be metres: no machine tool has less
+    than a centimetre.
     """
     return max(size_mm) < SHORTEST_MACHINE_MM
 
@@ -144,7 +146,8 @@ def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
 
     ISO 230-2 requires P_i = (i - 1) p + r with another r at each target; r is a fraction of p
     within `BESIDE_EVEN`, from the multiples of the golden ratio, so that every program of a survey
-    has the same targets. In hundredths of a millimetre, and not closer than `CLOSEST_MM`.
+    has the same targets. The targets are whole hundredths of a millimetre, not closer than
+    `CLOSEST_MM`.
     """
     nodes, step_mm = volume.nodes_mm(axis), float(volume.step_mm[axis])
     parts = max(min(round(count / volume.increments), int(step_mm / CLOSEST_MM)), 1)
@@ -157,16 +160,16 @@ def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
 
 
 def in_step(step_mm: float, pitch_mm: float) -> bool:
-    """Return whether targets meet a wave of one or of half a pitch always at the same phase, within
-    a twentieth of its length.
+    """Return whether targets meet a wave, of a whole or of half a pitch, always at the same phase
+    within a twentieth of its length.
     """
     turns = [step_mm / length_mm for length_mm in (pitch_mm, pitch_mm / 2.0)]
     return any(round(turn) >= 1 and abs(turn - round(turn)) <= IN_STEP for turn in turns)
 
 
 def anywhere_mm(volume: Volume) -> Vector:
-    """Return `POINTS` points spread evenly over the volume and not in phase with the targets, shape
-    (points, 3): possible places of a tool.
+    """Return `POINTS` possible places of a tool, spread evenly over the volume and not in phase
+    with the targets, shape (points, 3).
 
     A Kronecker sequence with the powers of the root of x^4 = x + 1 (Roberts 2018).
     """
@@ -179,12 +182,13 @@ def anywhere_mm(volume: Volume) -> Vector:
 
 
 def grid_points_mm(volume: Volume, nodes: int) -> Vector:
-    """Return a regular grid over the volume with so many nodes along each axis, z fastest, shape
-    (nodes ** 3, 3)."""
+    """Return a regular grid over the volume with so many nodes along each axis, the index of Z
+    changing fastest, shape (nodes ** 3, 3).
+    """
     axes = [volume.even_mm(axis, nodes) for axis in range(3)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def rms(values: Vector) -> float:
-    """Return the root mean square of all values; 0 of none."""
+    """Return the root mean square of all values; 0 for an empty array."""
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0

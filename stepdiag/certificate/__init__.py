@@ -1,5 +1,5 @@
 """The digital calibration certificate: a result as a DCC of PTB, and its way back to the logs.
 
-In: a result, its files, and a laboratory's file. Out: XML that another program computes again.
-Imported by `cli`.
+In: a result, its files, and a laboratory's file. Out: XML whose figures another program can compute
+again. `cli` imports this package.
 """

@@ -1,10 +1,11 @@
-"""The report's print as PDF/A-3 (ISO 19005-3, level B) with the certificate attached, by pikepdf,
+"""The report printed as PDF/A-3 (ISO 19005-3, level B) with the certificate attached, by pikepdf,
 which ``stepdiag[certificate]`` brings.
 
-Chromium embeds every font, encrypts nothing and writes no script. A print lacks three parts of
-PDF/A: the profile of its colours (sRGB), the metadata that state part and level, and the relation
-of the attachment. The date of printing is removed, so that the same report and certificate give the
-same bytes. Source: ISO 19005-3 from public sources, not checked against the text of the standard.
+A PDF printed by Chromium embeds every font, has no encryption and no script. It lacks three parts
+of PDF/A: the profile of its colours (sRGB), the metadata that state part and level, and the
+relation of the attachment to the document. The date of printing is removed, so that the same report
+and certificate give the same bytes. Source: ISO 19005-3 from public sources, not checked against
+the text of the standard.
 """
 
 import io
@@ -16,9 +17,11 @@ from stepdiag.base.messages import message
 
 _ENDED = re.compile(rb"<dcc:endPerformanceDate>(\d{4})-(\d\d)-(\d\d)<")
 _NODE = re.compile(rb"\(node(\d{8})\)")
-"""Names of cells in chromium's tags: numbers that may begin elsewhere in a new print."""
+"""Pattern of the names of table cells in a PDF by Chromium: numbers that may begin elsewhere in a
+new print.
+"""
 _PROFILE_DATE = slice(24, 36)
-"""Bytes of an ICC profile that state its date."""
+"""The bytes of an ICC colour profile that contain its date."""
 
 
 def _library() -> Any:
@@ -32,8 +35,8 @@ def _library() -> Any:
 
 
 def archival(printed: bytes, name: str, certificate: bytes) -> bytes:
-    """Return a print as PDF/A-3 with a certificate attached under its name. Raises DataError for a
-    print that lacks a font.
+    """Return a printed PDF as PDF/A-3 with a certificate attached under its file name. Raises
+    DataError for a print that lacks a font.
     """
     pikepdf = _library()
     numbers = {
@@ -80,14 +83,16 @@ def archival(printed: bytes, name: str, certificate: bytes) -> bytes:
 
 
 def _intent(document: Any) -> Any:
-    """Return the output intent: colours are sRGB, by a profile that lies in the document."""
+    """Return the output intent of a PDF/A: colours are sRGB, by a colour profile inside the
+    document.
+    """
     from pikepdf import Dictionary, Name
     from PIL.ImageCms import ImageCmsProfile, createProfile
 
     profile = bytearray(ImageCmsProfile(createProfile("sRGB")).tobytes())
     profile[_PROFILE_DATE] = bytes([7, 208, 0, 1, 0, 1]).ljust(
         12, b"\0"
-    )  # the first day of 2000: always the same profile
+    )  # the first day of 2000 in place of the present date: the same colour profile in every file
     return Dictionary(
         Type=Name.OutputIntent,
         S=Name.GTS_PDFA1,
@@ -99,7 +104,7 @@ def _intent(document: Any) -> Any:
 
 def attached_in(archived: bytes, name: str) -> tuple[str, bytes, str]:
     """Return name and bytes of the only certificate in a PDF, and the program that printed the PDF.
-    Raises DataError for another file.
+    Raises DataError for a PDF without exactly one certificate.
     """
     pikepdf = _library()
     try:

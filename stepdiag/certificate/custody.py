@@ -57,29 +57,31 @@ LOG, RESULT, LEFT, LABORATORY, FILE, REPORT = (
 )
 READINGS, LETTERHEAD, PROFILE = "readings", "letterhead", "profile"
 ONCE = (RESULT, LEFT, LABORATORY, LETTERHEAD, PROFILE)
-"""Roles that a certificate names once at most."""
+"""Roles that at most one source of a certificate has."""
 PERSONS = {name.partition(".")[0]: name for name in WORDS}
-"""Roles of the files beside logs: statements of persons, and of the solver."""
+"""Roles of the files beside logs, which hold statements of persons and of the solver, with the
+names of the files.
+"""
 AS_LEFT = "_as_left"
 NAMES_ITS_RESULT = "EXPORT_REPORT.txt"
-"""A file of an export that names the SHA-256 of its result."""
+"""The file of an export that contains the SHA-256 of the exported result."""
 _SIGNATURE = "{http://www.w3.org/2000/09/xmldsig#}Signature"
 MOST_FILES = 20_000
-"""Files of a folder that are read to find the links."""
+"""Largest number of files in a folder that are examined to find the sources of a certificate."""
 
 
 @dataclass(frozen=True, slots=True)
 class BrokenLinkError(Exception):
-    """A link that is broken."""
+    """Raised for a broken link in the chain of custody, with a message that describes the link."""
 
     link: Message
 
 
 class Verified(NamedTuple):
-    """The outcome for a certificate: number of valid links and figures, and the first broken link,
-    None if all are valid.
+    """The outcome of checking a certificate: number of valid links and of valid figures, and the
+    first broken link, None if all links are valid.
 
-    ``signed``: it has a signature, which this check does not test.
+    ``signed``: the certificate has a signature, which this check does not test.
     """
 
     links: int
@@ -99,7 +101,7 @@ def links_of(
     file, and ``files``.
 
     Raises DataError for an export of another result or with a changed file, and for a report that
-    does not follow from all these sources.
+    does not follow from these sources.
     """
     found = [
         (RESULT, result.name, sha256_of(result)),
@@ -188,8 +190,8 @@ def verify_archived(archived: Path, *folders: Path) -> Verified:
     """Return the outcome of `verify_certificate` for the certificate in a PDF, and whether its
     pages are the print of the report.
 
-    The report is printed again; another browser gives other bytes, and the finding names it. Raises
-    DataError for a PDF without a certificate, DeviceError without a browser.
+    The report is printed again; another browser gives other bytes, and the message names the
+    browser. Raises DataError for a PDF without a certificate, DeviceError without a browser.
     """
     data = read_bytes(archived)
     name, certificate, printer = attached_in(data, archived.name)
@@ -240,7 +242,7 @@ def parsed(data: bytes, name: str) -> ET.Element:
 
 
 def custody_of(root: ET.Element) -> list[Link]:
-    """Return the links that a certificate names."""
+    """Return the sources that a certificate names: role, name and SHA-256 of each."""
     notes = root.findall(
         f".//{{{DCC}}}metaData[@refType='stepdiag_custody']/{{{DCC}}}data/{{{DCC}}}quantity"
     )
@@ -256,10 +258,10 @@ def custody_of(root: ET.Element) -> list[Link]:
 
 
 def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
-    """Return the place of each link in the folders. Raises BrokenLinkError for the first link
-    without a place.
+    """Return, for each source of a certificate, its file in the folders. Raises BrokenLinkError for
+    the first source without a file.
     """
-    # a copy in a folder below, such as that of a replay, follows its original
+    # a copy in a folder further down, such as the copy of a replay, comes after its original
     found = sorted(
         (path for folder in folders for path in folder.rglob("*")),
         key=lambda path: (len(path.parts), path),
@@ -280,7 +282,8 @@ def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
         role, name, sha = link
         holding = [path for path, found in hashes.items() if found == sha and sha]
         if role == FILE:
-            # another export may hold a file with the same bytes: the report names folders
+            # two exports may hold files with the same bytes; the report of an export names its
+            # folder, so the folder with most of the files is taken
             holding.sort(key=lambda path: -together[path.parent])
         path = next(
             (path for path in holding if path.name == name),
@@ -305,8 +308,8 @@ def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
 
 
 def _named_here_alone(role: str) -> bool:
-    """Return whether only the certificate names a thing, so that its name is checked; the result
-    names its own sources.
+    """Return whether a role belongs to the sources of the certificate itself, so that their names
+    are checked; the sources of the result are named in the result.
     """
     return role in ONCE or role.removesuffix(AS_LEFT) in {*PERSONS, FILE, REPORT}
 
@@ -320,7 +323,7 @@ def _hash(path: Path) -> str:
         StepdiagError,
         OSError,
         ValueError,
-    ):  # a file that cannot be read contains no link
+    ):  # a file that cannot be read is no source
         return ""
 
 
@@ -394,8 +397,8 @@ def _listed(sums: Path) -> dict[str, str]:
 
 
 def _canonical(data: bytes) -> str:
-    """Return a certificate in the canonical form of XML, without signatures: a signature changes
-    the bytes, but not the remarks.
+    """Return a certificate in the canonical form of XML, without signatures. A signature changes
+    the bytes of a certificate, but not its contents.
     """
     return ET.canonicalize(
         from_file=BytesIO(data), with_comments=True, exclude_tags=[_SIGNATURE]
@@ -411,7 +414,7 @@ def _again(
     data = read_bytes(path)
     result = parse_result(
         as_text(data, path.name), path.name
-    )  # its hash is compared with the certificate's
+    )  # the hash of the environment file is compared with the hash in the certificate
     sources = [
         Source(role=role.removesuffix(suffix), name=name, sha256=sha)
         for role, name, sha in _named(links, suffix)
@@ -434,7 +437,9 @@ def _again(
 
 
 def _named(links: Sequence[Link], suffix: str) -> Iterator[Link]:
-    """Yield the sources of the result, or of the result as left."""
+    """Yield the sources of the result; with ``suffix``, the sources of the result after loading (as
+    left).
+    """
     for link in links:
         role = link[0].removesuffix(AS_LEFT)
         if role not in {*ONCE, *PERSONS, FILE, REPORT} and link[0].endswith(AS_LEFT) == bool(
@@ -471,8 +476,8 @@ def _solved(
     solved = solve_readings_file(
         of["readings"], beside, method=result.method, chain=result.chain, monte_carlo=trials
     )
-    # a person's statement about the compensation is in no reading; the files may have other names
-    # in their present folder
+    # a person's statement about the compensation is in no reading; the files named in the statement
+    # may have other names in their present folder
     return replace(
         solved,
         survey=None if result.survey is None else stated_in(result).facts(),
@@ -481,8 +486,9 @@ def _solved(
 
 
 class Leaf(NamedTuple):
-    """An element: its place with the attributes on the way, its text, its name with its
-    namespace."""
+    """An element of an XML document: its place (with the attributes on the way to it), its text,
+    and its name with the namespace.
+    """
 
     place: str
     text: str
@@ -493,7 +499,7 @@ NO_LEAF = Leaf("", "", "")
 
 
 def _leaves(root: ET.Element) -> Iterator[Leaf]:
-    """Yield every element, in the order of the document."""
+    """Yield every element of an XML document, in the order of the document."""
     waiting = [(root, "")]
     while waiting:
         node, at = waiting.pop()

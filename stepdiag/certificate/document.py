@@ -1,5 +1,5 @@
-"""From a result to its certificate: PTB's DCC 3.3.0. Null values of the result are left out; for a
-missing statement the certificate shows "not stated".
+"""From a result to its certificate: PTB's DCC 3.3.0. Values that are null in the result are left
+out; for a fact that nobody stated, the certificate shows "not stated".
 
 The schema has no vocabulary for geometric errors: ``machineTool_EXX`` and so on are symbols of ISO
 230-1, defined in the document.
@@ -39,7 +39,7 @@ from stepdiag.report.laboratory import NOT_STATED, UNKNOWN_COUNTRY, Equipment, P
 from stepdiag.texts import LANGUAGES, catalogue
 
 Link = tuple[str, str, str]
-"""Role of a source, its name and its SHA-256."""
+"""A source of a certificate: its role, its name and its SHA-256."""
 CONDITIONS = {
     "air_temperature_c": ("basic_temperature", "c"),
     "material_temperature_c": ("machineTool_materialTemperature", "c"),
@@ -82,7 +82,7 @@ def certificate_of(
     ``custody`` names every source by its SHA-256, ``left`` is the result of the survey after
     loading, ``accepted`` are the accepted findings, with name and reason. Raises DataError if
     neither result nor file states the time of the measurement (required by the schema), and if
-    ``left`` is from another machine, another volume or an earlier day.
+    ``left`` is the result of another machine, of another volume or of an earlier day.
     """
     if left is not None:
         _require_later(result, left)
@@ -261,8 +261,8 @@ def _contact(name: str, place: Place, known: str = "") -> ET.Element:
 
 
 def _statement(one: Judged, state: str) -> ET.Element:
-    """Return the statement of conformity about one figure; an undecided one by ILAC-G8, conditional
-    by the side of its value.
+    """Return the statement of conformity about one figure. An undecided figure has a conditional
+    statement (ILAC-G8): conditional pass or fail, by the side of the limit on which its value lies.
     """
     name = {
         language: f"{catalogue('report', language)[state]}: {quantity_words(one, language)}"

@@ -11,7 +11,7 @@ DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 VERSION = "3.3.0"
 K, P = "2", "0.95"
 Words = Mapping[Language, str] | str
-"""A text, or a text per language."""
+"""A text that is the same in all languages, or a text by language."""
 ET.register_namespace("dcc", DCC)
 ET.register_namespace("si", SI)
 
@@ -46,8 +46,8 @@ def words(name: str, text: Words) -> ET.Element:
 
 
 def real(figure: Figure) -> ET.Element:
-    """Return a quantity with a single value, or with a list of values and the positions before
-    it.
+    """Return the element of a quantity: with a single value, or with a list of values and, before
+    them, the list of positions.
     """
     named = [words("name", figure.name)]
     if len(figure.values) == 1 and not figure.at:
@@ -69,8 +69,8 @@ def real(figure: Figure) -> ET.Element:
 
 
 def _covariance(figure: Figure) -> ET.Element:
-    """Return the covariance of a list with the factor of its rectangular region: with a probability
-    of at least P, all values are within k u at once.
+    """Return the element with the covariance of a list of values and the coverage factor k of their
+    rectangular region: with a probability of at least P, all values lie within k u at once.
 
     Source: JCGM 102:2011, 7.7.3 (Bonferroni): k of a normal distribution for P = 1 - 0.05 / n.
     """
@@ -114,7 +114,9 @@ def _list(values: Iterable[str], unit: str, expanded: Iterable[str] = ()) -> ET.
 
 
 def data(figure: Figure) -> ET.Element:
-    """Return the data of a result: a function has its positions before its values."""
+    """Return the ``data`` element of a quantity; the positions of a function stand before its
+    values.
+    """
     if not figure.at:
         return element("data", real(figure))
     positions = element(

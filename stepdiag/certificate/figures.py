@@ -21,7 +21,7 @@ UNITS = {
     "hpa": (PASCAL, 2),
     "percent": (ONE, -2),
 }
-"""Unit of the result -> unit of D-SI and power of ten."""
+"""Units of the result, each with its unit of D-SI and the power of ten between the two."""
 ISO_230_2 = (
     "E_up",
     "E_down",
@@ -43,13 +43,15 @@ ISO_230_2 = (
 
 
 COVARIANCE_DECIMALS = 6
-"""Of a square micrometre or microradian: a thousandth of U squared where U is a tenth."""
+"""Decimals of a covariance in square micrometres or square microradians: a thousandth of U squared
+for a U of a tenth.
+"""
 
 
 class Figure(NamedTuple):
-    """A quantity: its name and refType, numbers in their written form, their U (k = 2), the
-    positions in metres, and the covariance of the numbers (k = 1) column by column, in the square
-    of the unit.
+    """A quantity of a certificate: ``name``, ``refers`` (refType), ``unit``, ``values`` in their
+    written form, their U (``expanded``, k = 2), their positions in metres (``at``), and their
+    covariance (k = 1) column by column, in the square of the unit.
     """
 
     name: str
@@ -62,7 +64,9 @@ class Figure(NamedTuple):
 
 
 def written(value: float, power: int) -> str:
-    """Return a number times a power of ten, exact, in the form of the schema."""
+    """Return a number times a power of ten as an exact decimal text in the form that the schema
+    requires.
+    """
     scaled = Decimal(repr(float(value))).scaleb(power).normalize()
     if not scaled:
         return "0"
@@ -95,8 +99,8 @@ def figures_of(result: Result) -> Iterator[Figure]:
     """Yield every identified figure of a result: functions, reversals, squareness, scales, figures
     of standards, volume.
 
-    The parts of the volumetric figure have a covariance: every displacement along its travel, and
-    the squarenesses together.
+    The quantities behind the volumetric figures have a covariance: each displacement function over
+    its travel, and the three squarenesses together.
     """
     together = [
         name
@@ -145,7 +149,8 @@ def _covariance(result: Result, names: Sequence[str]) -> tuple[tuple[str, ...], 
     """Return the covariance of quantities, as written in SI: correlations of the posterior times
     the u stated in the result.
 
-    None where the posterior has other positions than the values, or a u is missing.
+    The covariance is empty where the posterior has other positions than the values, or a u is
+    missing.
     """
     deviations = {} if result.posterior is None else result.posterior.deviations()
     if not names or not set(names) <= deviations.keys():
@@ -171,7 +176,7 @@ def _covariance(result: Result, names: Sequence[str]) -> tuple[tuple[str, ...], 
 
 
 def predicted_figures(result: Result) -> Iterator[Figure]:
-    """Yield the volume as predicted after an ideal compensation."""
+    """Yield the volumetric figures predicted after an ideal compensation."""
     if result.predicted is not None:
         yield from _volume("predicted ", result.predicted.without_rigid_motion["after"])
 
@@ -191,7 +196,9 @@ def _standards(result: Result) -> Iterator[Figure]:
 
 
 def _volume(when: str, figures: FieldFigures) -> Iterator[Figure]:
-    """Yield the volumetric figures: skewed, with the ends of their intervals in place of U."""
+    """Yield the volumetric figures. Their distribution is skewed, so the ends of their intervals
+    are given in place of U.
+    """
     both: tuple[tuple[str, Interval], ...] = (
         ("volumetric rms", figures.rms_um),
         ("volumetric largest", figures.largest_um),

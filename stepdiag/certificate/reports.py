@@ -1,5 +1,5 @@
-"""The report beside a certificate: rendered again from the sources in the certificate, and compared
-byte by byte.
+"""The report that belongs to a certificate: rendered again from the sources in the certificate, and
+compared byte by byte.
 """
 
 import re
@@ -20,12 +20,12 @@ ROLES = {
     "letterhead": "letterhead",
     "laboratory": "laboratory",
 }
-"""Sources of a report, and their roles in the certificate."""
+"""Names of a report's sources, each with the role of the same source in the certificate."""
 
 
 def is_rendered(name: str) -> bool:
-    """Return whether a report is a document that must be rendered again: any report but a print,
-    which only its hash identifies.
+    """Return whether a report must be rendered again for the check: any report but a PDF, which is
+    checked by its hash alone.
     """
     return Path(name).suffix.lower() != ".pdf"
 
@@ -33,10 +33,11 @@ def is_rendered(name: str) -> bool:
 def follows(
     report: Path, of: Mapping[str, Path], files: Sequence[Path], readings: Path | None
 ) -> bool:
-    """Return whether a report follows from its sources, with or without the exports, with or
-    without the readings.
+    """Return whether a report follows from its sources; a report may contain the exports or not,
+    and the readings or not.
 
-    ``of`` are result, laboratory's file, letterhead, profile and result as left by their roles.
+    ``of`` holds, by their roles, the files of result, laboratory, letterhead, profile and result
+    after loading.
     """
     text = as_text(read_bytes(report), report.name)
     language = language_of(text)

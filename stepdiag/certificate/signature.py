@@ -48,8 +48,8 @@ def signed(certificate: bytes, key: Path, key_certificate: Path) -> bytes:
 
 
 def require_signature(certificate: Path, key_certificate: Path) -> None:
-    """Raise DataError where a certificate is not signed by the key of an X.509 certificate, or is
-    not a certificate.
+    """Raise DataError where a certificate is not signed by the key of an X.509 certificate, or the
+    document is no certificate.
     """
     signxml = _library()
     from cryptography import x509
@@ -83,8 +83,8 @@ def require_signature(certificate: Path, key_certificate: Path) -> None:
 
 
 def _require_plain(signature: Any, certificate: bytes) -> None:
-    """Raise ValueError for a change in the parts outside every signature: the certificate in it,
-    and the form of its numbers.
+    """Raise ValueError for a change in the parts of a signature that no signature protects: another
+    X.509 certificate than the given one, or another form of the numbers.
     """
     texts = {
         name: "".join(signature.findtext(f".//{{*}}{name}", "").split())

@@ -1,5 +1,5 @@
-"""A certificate as a file: its sources are named with their SHA-256, and the signature and the
-print for the archive are added.
+"""A certificate as a file. The certificate names its sources with their SHA-256; a signature and
+the PDF for the archive are added if requested.
 """
 
 from collections.abc import Sequence
@@ -19,8 +19,8 @@ from stepdiag.report.output import printed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beside:
-    """Further sources of a certificate besides its result: files of exports, the laboratory's file,
-    the report with its settings, the result as left; and the key of the signature with its X.509
+    """Sources of a certificate besides its result: files of exports, the laboratory's file, the
+    report with its settings, the result after loading; and the key of the signature with its X.509
     certificate.
     """
 
@@ -37,8 +37,9 @@ class Beside:
 def write_certificate(
     result: Path, found: Result, out: Path, beside: Beside, pdf: Path | None = None
 ) -> int:
-    """Write the certificate of a result's file and of the result ``found`` in it, with ``pdf`` also
-    the report's print with the certificate attached; return the number of its sources.
+    """Write the certificate of a result's file, which contains the result ``found``; with ``pdf``
+    also the printed report with the certificate attached. Return the number of sources in the
+    certificate.
 
     Raises UsageError for an existing file at its path, DataError for files that do not belong to
     the result.

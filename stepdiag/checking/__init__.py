@@ -1,4 +1,5 @@
-"""Whether the bench is ready: laser and PLC live, and the faults of both.
+"""Whether laser and PLC are ready for a survey: their live data, and their faults.
 
-In: a survey file and open links. Out: observations and a diagnosis. Imported by `cli.check`.
+In: a survey file and open links. Out: observations and a diagnosis. `cli.check` imports this
+package.
 """

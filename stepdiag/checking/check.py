@@ -1,4 +1,6 @@
-"""The data of a survey's links during a watch: counted, decoded, the last value of each kept."""
+"""The data of a survey's links during a watch: counted and decoded, with the last value of each
+signal.
+"""
 
 import asyncio
 from collections import Counter
@@ -25,8 +27,8 @@ NS = 1e-9
 
 @dataclass(slots=True)
 class LinkSeen:
-    """The state of a link: ``detail`` is its last text; ``losses`` counts its losses after a
-    connection.
+    """The state of a link: ``detail`` is the last text about the link; ``losses`` counts how often
+    the link was lost after a connection.
     """
 
     name: Link
@@ -37,7 +39,7 @@ class LinkSeen:
     losses: int = 0
 
     def take(self, event: LinkEvent) -> None:
-        """Take a change of state."""
+        """Take over a change of the link's state."""
         self.losses += self.state == "connected" and event.state == "lost"
         self.was_silent |= event.state == "silent"
         self.state, self.detail = event.state, event.words or self.detail
@@ -46,8 +48,8 @@ class LinkSeen:
 @dataclass(slots=True)
 class StreamSeen:
     """Data of an instrument on a serial line. ``remarks`` is the last text of each notice code,
-    ``counts`` its number, ``heard`` the first bytes, ``conditions`` the last values of air and
-    material.
+    ``counts`` the number of notices of each code, ``heard`` the first received bytes,
+    ``conditions`` the last values of air and material.
     """
 
     link: LinkSeen
@@ -68,7 +70,7 @@ class StreamSeen:
     _before_first: int = 0
 
     def take(self, chunk: Chunk) -> None:
-        """Take bytes."""
+        """Decode received bytes and count their samples and notices."""
         self.heard += chunk.data[: KEPT - len(self.heard)]
         self.byte_count += len(chunk.data)
         batch = self.decoder.feed(chunk.data, chunk.arrival_ns)
@@ -92,15 +94,15 @@ class StreamSeen:
 
     @property
     def rate_hz(self) -> float | None:
-        """Return the rate at which samples arrive; None with too few samples."""
+        """Return the number of samples a second; None with too few samples."""
         span_s = (self._last_ns - self._first_ns) * NS
         return (self.samples - self._before_first) / span_s if span_s > 1.0 else None
 
 
 @dataclass(slots=True)
 class MachineSeen:
-    """Answers of the machine. ``changes`` counts the changes of each signal, ``unanswered`` the
-    gaps of the last answer.
+    """Answers of the machine. ``changes`` counts the changes of each signal; ``unanswered`` names
+    the signals that the last answer lacked.
     """
 
     link: LinkSeen
@@ -136,7 +138,7 @@ class MachineSeen:
 
     @property
     def rate_hz(self) -> float | None:
-        """Return the polls answered a second; None with too few polls."""
+        """Return the number of answered polls a second; None with too few polls."""
         return self.polls / self.heard_s if self.heard_s > 1.0 else None
 
 
@@ -161,18 +163,18 @@ class Observation:
 
     @property
     def air(self) -> frozenset[str]:
-        """Return the signals of air and material that the laser or a sensor measures and the survey
-        takes from it.
+        """Return the signals of air and material that the laser or an air sensor measures and that
+        the survey uses.
         """
         return frozenset(condition_names(self.survey, self.sensor))
 
     @property
     def links(self) -> tuple[LinkSeen, ...]:
-        """Return every link."""
+        """Return every link of the survey."""
         return (*(stream.link for stream in self.streams), self.machine.link)
 
     def take(self, event: Event) -> None:
-        """Take an event of a link."""
+        """Pass an event to the link to which it belongs."""
         if isinstance(event, Chunk):
             next(stream for stream in self.streams if stream.link.name == event.stream).take(
                 event
@@ -186,7 +188,7 @@ class Observation:
                     stream.decoder.resync()
 
     def named(self, statuses: Statuses) -> None:
-        """Take the addresses of the links."""
+        """Store the addresses of the links."""
         addresses = dict(zip(("laser", "machine", "head", "air"), statuses, strict=True))
         for link in self.links:
             status = addresses[link.name]

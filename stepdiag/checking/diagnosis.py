@@ -26,21 +26,27 @@ from stepdiag.daq.timing.samples import Flag
 HEARTBEAT_S = 1.0
 """The heartbeat changes at least once a second (contract 2)."""
 JUDGED_AFTER_S = 2.5
-"""Time in s for a change or an arrival, after which its absence is reported."""
+"""Time in s after which a missing change or arrival of a signal is reported."""
 GARBAGE_SHARE = 0.01
-"""Larger shares of undecodable lines are reported: one disturbed line is no fault of the wiring."""
+"""Share of undecodable lines above which they are reported: a single disturbed line is no fault of
+the wiring.
+"""
 RATE_SHARE = 0.05
-"""Larger deviations from the nominal rate are reported: clocks of instruments differ by less."""
+"""Relative deviation from the nominal sample rate above which it is reported: clocks of instruments
+differ by less.
+"""
 POLL_SHARE = 0.8
-"""A smaller share of answered polls is reported: a busy computer misses fewer."""
+"""Share of answered polls below which the loss is reported: even on a busy computer more polls are
+answered.
+"""
 PLAUSIBLE = {
     "x_mm": (-50_000.0, 50_000.0),
     "y_mm": (-50_000.0, 50_000.0),
     "z_mm": (-50_000.0, 50_000.0),
     **HALL,
 }
-"""Possible values of a machine in a hall; any other value was read from the wrong place or with the
-wrong type, byte order or scale.
+"""Possible values of the signals of a machine in a hall; any other value was read from the wrong
+place or with the wrong type, byte order or scale.
 """
 _FLAG_WORDS = {
     Flag.HEAD_ERROR: message("check-head-error"),
@@ -53,7 +59,9 @@ _FLAG_WORDS = {
 
 
 def diagnose(seen: Observation) -> tuple[Finding, ...]:
-    """Return all findings, in the order compensation, plan, laser, head, sensor of air, machine."""
+    """Return all findings about the links, in the order compensation, plan, laser, head, sensor of
+    air, machine.
+    """
     found = [
         *compensation_findings(seen.survey),
         *hidden_slip(seen.survey),
@@ -83,7 +91,7 @@ def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
 
 
 def _conditions(seen: Observation) -> Iterator[Finding]:
-    """Yield the faults of the laser's or a sensor's values of air and material."""
+    """Yield the faults of the values of air and material, measured by the laser or a sensor."""
     for name in sorted(seen.air):
         value = seen.sensor.conditions.get(name)
         if value is None:
@@ -96,8 +104,8 @@ def _conditions(seen: Observation) -> Iterator[Finding]:
 
 
 def _missing_condition(seen: Observation, name: str) -> Finding:
-    """Return the finding of a condition that the instrument should measure but does not: a warning
-    if no reading depends on it.
+    """Return the finding of a condition of air or material that the instrument should measure but
+    does not: a warning if no reading depends on it.
     """
     if seen.survey.air_sensor is not None:
         return error("conditions-held.sensor-silent", name=name)
@@ -107,13 +115,13 @@ def _missing_condition(seen: Observation, name: str) -> Finding:
 
 
 def _senseless(stream: StreamSeen) -> Message:
-    """Return in words the bytes of a stream that are not samples."""
+    """Return a message about the bytes of a stream that could not be decoded into samples."""
     remark = stream.remarks.get("garbage") or stream.remarks.get("device") or ""
     return senseless(STREAMS[stream.link.name], stream.heard, stream.byte_count, remark)
 
 
 def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
-    """Yield the findings about an instrument whose bytes give readings."""
+    """Yield the findings about an instrument whose bytes were decoded into readings."""
     name, counts = STREAMS[stream.link.name], stream.counts
     if counts["garbage"] > GARBAGE_SHARE * stream.samples:
         why = stream.remarks["garbage"]
@@ -159,7 +167,9 @@ def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
 
 
 def _light(stream: StreamSeen) -> Iterator[Finding]:
-    """Yield the state of the beam and the device by the last sample."""
+    """Yield the findings about the state of the beam and of the instrument, from the last
+    sample.
+    """
     name, flags = STREAMS[stream.link.name], stream.last_flags
     strength = "" if stream.beam is None else f" ({100 * stream.beam:.0f} %)"
     if flags & Flag.BEAM_LOST:
@@ -195,8 +205,8 @@ def _machine(
 
 
 def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Finding]:
-    """Yield contradictions of the register map, and the checks that absent signals exclude; ``air``
-    comes from the laser itself.
+    """Yield the contradictions of the register map, and the checks that are impossible without the
+    absent signals. The signals in ``air`` come from the laser or a sensor and are not absent.
     """
     why = machine.link.detail
     for name in plc.signal_names:
@@ -252,7 +262,7 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
 
 
 def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
-    """Yield the faults of the heartbeat."""
+    """Yield the faults of the machine's heartbeat."""
     if (
         "heartbeat" not in plc.signal_names
         or machine.signals.heartbeat is None
@@ -268,7 +278,7 @@ def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
 
 
 def _absent(link: LinkSeen, seconds: float) -> Finding:
-    """Return the finding for a link that never delivered data, open or not."""
+    """Return the finding for a link that never delivered data, with or without a connection."""
     if link.state == "connected":
         words = message(
             "check-nothing-came", link=link.detail or link.address, seconds_s=seconds
@@ -284,7 +294,7 @@ def _absent(link: LinkSeen, seconds: float) -> Finding:
 
 
 def _lasting(link: LinkSeen) -> Iterator[Finding]:
-    """Yield the faults of a link that was open."""
+    """Yield the faults of a link that delivered data and was lost later."""
     if link.state in ("lost", "silent"):
         yield finding(
             "error", message("check-gone", why=link.detail), code=f"{link.name}-silent"

@@ -1,5 +1,5 @@
-"""Recognition of instruments and controls: listening to a port until an instrument is recognised,
-and querying a host in every protocol of a control.
+"""Recognition of instruments and controls: listening on a port until an instrument is recognised,
+and querying a host in the protocol of each control.
 
 Nothing is written to a machine. A polled instrument receives a request for a reading.
 """
@@ -46,7 +46,7 @@ _SPEAKERS: dict[str, FormatSettings] = {
 
 @dataclass(frozen=True, slots=True)
 class PortSeen:
-    """A serial port of this computer and the name of its adapter."""
+    """A serial port of this computer: its name, and the name of its adapter in ``words``."""
 
     name: str
     words: str
@@ -54,7 +54,9 @@ class PortSeen:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """The bytes of a port: their format (empty if none), the rate, the first bytes, the failure."""
+    """The bytes received on a port: their format (empty if unknown), the baud rate, the first
+    bytes, and the reason of a failure.
+    """
 
     format: str
     baud: int
@@ -74,15 +76,15 @@ class Answered:
 
 
 def ports() -> list[PortSeen]:
-    """Return the serial ports of this computer with a device, by their lasting name (``by-id``) if
-    any.
+    """Return the serial ports of this computer to which a device is connected, with the names that
+    stay the same (``by-id``) where they exist.
     """
     return [PortSeen(name, words) for name, words in present_ports().items()]
 
 
 async def listen(port: str, baud: int, seconds: float) -> Heard:
     """Listen on a port until an instrument is recognised; ``baud`` 0 means the usual rates,
-    ``seconds`` is the time for each way of listening.
+    ``seconds`` is the time for each combination of format and rate.
     """
     last = Heard("", baud, b"")
     for name, rate in _ways(port, baud):
@@ -96,9 +98,9 @@ async def probe(host: str, tcp_port: int, controls: Sequence[str] = PROBED) -> l
     """Query a host for the signals of ``controls``, one protocol after another; ``tcp_port`` 0
     means the usual ports.
 
-    (Not at once: loading a library stops the loop, and an answer meanwhile would count as late.) A
-    named port has a single protocol: after the first control that answers there, no other is
-    queried.
+    The queries are not simultaneous: loading a library stops the loop, and an answer in this time
+    would count as late. A named port has a single protocol: after the first control that answers on
+    this port, no other control is queried.
     """
     answered: list[Answered] = []
     for control in controls:
@@ -109,8 +111,8 @@ async def probe(host: str, tcp_port: int, controls: Sequence[str] = PROBED) -> l
 
 
 def _ways(port: str, baud: int) -> Iterator[tuple[str, int]]:
-    """Yield the ways of listening, most likely first: instruments that send by themselves, then
-    polled instruments.
+    """Yield the combinations of format and rate, most likely first: instruments that send by
+    themselves, then polled instruments.
     """
     line = network_line(port)
     if line is not None:

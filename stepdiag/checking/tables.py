@@ -18,8 +18,9 @@ DECIMALS = {
 
 
 def check_table(seen: Observation) -> Table:
-    """Return every link and every signal with its place, its value now, and how often it
-    changed."""
+    """Return every link and every signal with its place, its present value, and how often the value
+    has changed.
+    """
     table = Table(
         title=f"{seen.survey.identity.name}: {seen.survey.identity.machine}, {seen.seconds:.0f} s"
     )
@@ -103,7 +104,7 @@ def _shown_number(value: float | None, decimals: int, unit: str = "") -> str:
 
 
 def check_json(seen: Observation) -> dict[str, Any]:
-    """Return the same table for programs."""
+    """Return the table of the links as JSON types, for programs."""
     return {
         "seconds": round(seen.seconds, 3),
         **{stream.link.name: _stream_json(stream) for stream in seen.streams},

@@ -1,5 +1,5 @@
-"""A module per group of commands; each offers ``register(app)``. Heavy imports stay inside the
-functions.
+"""One module per group of commands; each module has a function ``register(app)``. Heavy imports
+stay inside the functions.
 """
 
 MODULES = (
@@ -29,7 +29,7 @@ MODULES = (
     "publish",
     "service",
 )
-"""The groups, in the order in which the help shows them."""
+"""The groups of commands, in the order in which the help shows them."""
 
 LINUX_ONLY = frozenset(
     {
@@ -47,6 +47,6 @@ LINUX_ONLY = frozenset(
         "stream",
     }
 )
-"""Commands that use ports or a recorder, or that confine services open to the network: they need
-functions that only Linux has.
+"""The commands that need Linux: they use ports or a recorder, or they confine services that are
+open to the network.
 """

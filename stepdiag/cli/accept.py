@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 FEW = 5
-"""Number of accepted, and of remaining, doubts that are printed without ``--verbose``."""
+"""Number of doubts that are printed without ``--verbose``: of the accepted doubts, and of the
+remaining ones.
+"""
 
 
 def register(app: typer.Typer) -> None:
@@ -77,8 +79,8 @@ def accept(
 
 
 def _moment(text: str | None) -> "datetime":
-    """Return the time that a person states, in UTC. Raises UsageError without such a time, and for
-    a time before the build of this program.
+    """Return the time that a person states, in UTC. Raises UsageError for a text that is no time,
+    and for a time before the build of this program.
     """
     from datetime import UTC, datetime
 

@@ -75,8 +75,8 @@ def next_setup(
 
 
 def _programs(file: Path, setup: str) -> list[str]:
-    """Write the NC program of a setup for each of the survey's controls with programs, beside the
-    file; return the names.
+    """Write the NC program of a setup beside the survey file, for each control of the survey that
+    takes programs; return the names of the programs.
     """
     from stepdiag.daemon.driving import programs_of
     from stepdiag.daq.survey.file import load_survey

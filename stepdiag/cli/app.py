@@ -54,7 +54,7 @@ def build() -> Callable[[], None]:
 
 
 def _refuse_elsewhere(group: typer.Typer, before: str = "") -> None:
-    """Make each command that needs Linux refuse, for any arguments."""
+    """Replace each command that needs Linux by one that refuses, whatever its arguments."""
     for command in group.registered_commands:
         name = before + str(command.name or getattr(command.callback, "__name__", ""))
         if name in LINUX_ONLY and command.callback:
@@ -76,7 +76,7 @@ def _refuse(name: str, **_arguments: object) -> None:
 
 
 def main() -> None:
-    """Run a command; on an error, exit with the code of its cause."""
+    """Run a command; after an error, exit with the code of the error's cause."""
     run = build()
     with refusals_shown(wrapped), failed_writing_shown():
         run()

@@ -8,7 +8,9 @@ from stepdiag.base.messages import message
 from stepdiag.terminal.viewer import print_words
 
 ANSWER_S = 10.0
-"""Longest time in s for the daemon to begin: it examines the file ten times a second."""
+"""Longest time in s until the daemon begins the setup: the daemon examines the file of requests ten
+times a second.
+"""
 
 
 def register(app: typer.Typer) -> None:

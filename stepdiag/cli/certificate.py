@@ -13,7 +13,7 @@ from stepdiag.terminal.viewer import print_words
 
 JUDGED_WRONG, UNDECIDED = 5, 3
 MOST_CERTIFICATES = 100
-"""Certificates of a survey before the names run out."""
+"""Largest number of certificates of one survey: their file names are numbered up to this number."""
 
 
 def register(app: typer.Typer) -> None:
@@ -82,9 +82,10 @@ def certify_folder(folder: Path) -> Path:
     """Write the certificate of a finished survey beside its logs, on request of the page; return
     its path.
 
-    The certificate names the files of every export, and a report of its own (``certificate.html``)
-    with the laboratory's file; ``laboratory.toml`` is in the folder of the survey or above, if it
-    exists. An existing certificate is kept: the next one gets a number.
+    The certificate names the files of every export, and a separate report (``certificate.html``)
+    with the data of the laboratory from ``laboratory.toml``, if this file is in the folder of the
+    survey or in a folder above. An existing certificate is kept: the name of the new one gets a
+    number.
     """
     from stepdiag.base.files import read_text
     from stepdiag.base.result.result import result_in
@@ -126,7 +127,8 @@ def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -
     """Compute a certificate again and name the first broken link. Ends with exit code 5 for a
     broken link.
 
-    ``custody`` is a folder, or the address of a store; empty, the certificate's own folder.
+    ``custody`` is the folder with the sources, or the address of a store; if empty, the folder of
+    the certificate.
     """
     from stepdiag.certificate.custody import verify_archived, verify_certificate
 
@@ -156,6 +158,7 @@ def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -
 
 
 def is_store(custody: str) -> bool:
-    """Return whether a place is a store: a folder with its mark, or an address of a file system
-    elsewhere."""
+    """Return whether a path names a store: a folder with the mark of a store, or an address of a
+    file system elsewhere.
+    """
     return "://" in custody or (Path(custody) / "stepdiag-store.json").is_file()

@@ -61,8 +61,8 @@ def check(
 
 
 def watched(seen: "Observation", seconds: float, *, quiet: bool) -> None:
-    """Watch the links; live on a terminal, otherwise one table at the end, or none if ``quiet``.
-    Ctrl-C ends the watch, not the check.
+    """Watch the links and show their table: live on a terminal, otherwise once at the end, or never
+    if ``quiet``. Ctrl-C ends the watch, not the check.
     """
     import asyncio
     import logging

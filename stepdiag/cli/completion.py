@@ -1,4 +1,6 @@
-"""The shell's suggestions on Tab, and the names in the help: texts without any import."""
+"""The shell's suggestions on the Tab key, and the names of controls and formats in the help; this
+module imports nothing that takes time.
+"""
 
 from typing import Annotated
 
@@ -20,8 +22,8 @@ TABLES = (
 `stepdiag.exporters.profiles.registry.CONTROLLERS`.
 """
 FIELDS = ("lattice", "etalon")
-"""Further outputs of ``export``: correction vectors of the whole volume, and the Etalon Exchange
-format.
+"""Outputs of ``export`` besides the controls: correction vectors of the whole volume, and the
+Etalon Exchange format.
 """
 PROGRAMS = ("siemens", "fanuc", "heidenhain", "linuxcnc")
 """The controls for which programs can be written."""
@@ -31,32 +33,32 @@ DECODED = ("csv", "parquet", "mcap")
 
 
 def tables(begun: str) -> list[str]:
-    """Return the controls whose name has this beginning."""
+    """Return the controls whose names begin with the typed text."""
     return _beginning(TABLES, begun)
 
 
 def exported(begun: str) -> list[str]:
-    """Return the formats of ``export`` whose name has this beginning."""
+    """Return the formats of ``export`` whose names begin with the typed text."""
     return _beginning((*TABLES, *FIELDS), begun)
 
 
 def programs(begun: str) -> list[str]:
-    """Return the controls with programs whose name has this beginning."""
+    """Return the controls with programs whose names begin with the typed text."""
     return _beginning(PROGRAMS, begun)
 
 
 def languages(begun: str) -> list[str]:
-    """Return the languages whose name has this beginning."""
+    """Return the languages whose names begin with the typed text."""
     return _beginning(LANGUAGES, begun)
 
 
 def streams(begun: str) -> list[str]:
-    """Return the streams of a log whose name has this beginning."""
+    """Return the streams of a log whose names begin with the typed text."""
     return _beginning(STREAMS, begun)
 
 
 def decoded_formats(begun: str) -> list[str]:
-    """Return the formats of ``decode`` whose name has this beginning."""
+    """Return the formats of ``decode`` whose names begin with the typed text."""
     return _beginning(DECODED, begun)
 
 

@@ -1,4 +1,4 @@
-"""``stepdiag demo``: the whole job on a virtual machine."""
+"""``stepdiag demo``: a whole survey on a virtual machine, from recording to verification."""
 
 import sys
 from contextlib import contextmanager
@@ -47,7 +47,7 @@ def demo(
             found=message("none"),
         )
     with _progress() as progress:
-        # the libraries need seconds on a busy computer: the first output comes before they are
+        # the libraries need seconds on a busy computer: a first line is printed before they are
         # loaded
         from stepdiag.demo.demo import demonstrate
         from stepdiag.demo.processes import ended_in_order
@@ -62,7 +62,9 @@ def demo(
 
 @contextmanager
 def _progress() -> "Iterator[Progress]":
-    """Show the progress of the demo on standard error: a bar on a terminal, else a line a setup."""
+    """Show the progress of the demo on standard error: a bar on a terminal, otherwise one line per
+    setup.
+    """
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -108,14 +110,14 @@ def _live(out: Path, seed: int, *, browser: bool) -> None:
 
 
 class _Watching:
-    """The viewer of the live demo, at a terminal: lines out, keys in."""
+    """The viewer of the live demo at a terminal: prints lines and reads keys."""
 
     def __init__(self, keys: "Keyboard", *, browser: bool) -> None:
         self._keys = keys
         self._browser = browser
 
     def opened(self, address: str, token: str) -> None:
-        """Print the page's address and the keys, and open the page."""
+        """Print the address of the page and the meaning of the keys, and open the page."""
         from stepdiag.demo.live import KEYS
 
         print_words(message("demo-page", address=address, token=token))

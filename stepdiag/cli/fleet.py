@@ -40,7 +40,7 @@ def register(app: typer.Typer) -> None:
 
 @contextmanager
 def extra_needed(name: str) -> Iterator[None]:
-    """Name the extra whose library is missing."""
+    """Turn the error of a missing library into a message with the name of its extra."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -166,7 +166,7 @@ def trend(
 
 def _name_left_out(left_out: "Sequence[LeftOut]") -> None:
     """Print on standard error the quantities that no series contains. Raises DataError where a
-    table is damaged, after showing the other machines.
+    table is damaged, after the other machines were shown.
     """
 
     for each in left_out:
@@ -281,8 +281,8 @@ def resolve(
 
 
 def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
-    """Return the named scheduler. Raises UsageError for a scheduler without TLS, which would run
-    the code of any client.
+    """Return the scheduler of an address. Raises UsageError for a scheduler without TLS, because it
+    would run the code of any client.
     """
     from stepdiag.fleet.resolve import Scheduler
 
@@ -311,7 +311,7 @@ def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
 def _trends(
     address: str, machine: str, tolerances: list[str], software: str
 ) -> "tuple[list[Trend], tuple[LeftOut, ...]]":
-    """Return the trends of a store, and the quantities left out."""
+    """Return the trends of a store, and the quantities that no series contains."""
     from datetime import UTC, datetime
 
     with extra_needed("fleet"):

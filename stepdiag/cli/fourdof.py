@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Seconds = Annotated[float | None, typer.Option(min=0.1)]
 ALIGN_S, STABILITY_S = 3600.0, 960.0
-"""Recording times of a live head in s, if the command states none."""
+"""Recording times in s of a live head, used where the command states no time."""
 
 commands = typer.Typer(no_args_is_help=True)
 

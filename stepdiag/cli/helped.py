@@ -1,5 +1,6 @@
-"""The help of every command and option in the reader's language: ``texts/help.toml``, by the names
-of command and option."""
+"""The help of every command and option in the reader's language: ``texts/help.toml``, found by the
+names of command and option.
+"""
 
 from typing import TYPE_CHECKING, Any
 

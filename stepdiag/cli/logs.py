@@ -31,7 +31,7 @@ def register(app: typer.Typer) -> None:
 
 
 def info(log: Path, as_json: AsJson = False) -> None:
-    """Print the contents of a log, and whether it is whole."""
+    """Print the contents of a log, and whether the log is complete."""
     from stepdiag.daq.log.contents import must_be_there
     from stepdiag.daq.log.recovery import log_info
 
@@ -96,7 +96,9 @@ def decode(
 
 
 def _written(target: Path, write: "Callable[[Path], int]") -> int:
-    """Let the enclosed work write a file under another name, and rename it when it is complete."""
+    """Let the enclosed work write a file under a temporary name, and rename the file when it is
+    complete.
+    """
     from stepdiag.base.disk.part import part_of, publish_new
 
     with part_of(target) as folder:
@@ -162,7 +164,7 @@ def _as_text(found: "LogInfo") -> str:
 
 
 def _short(text: str) -> str:
-    """Return the beginning of a text from a file, safe to print."""
+    """Return the beginning of a text from a file in a form that is safe to print."""
     shown = printable(text[:_LONG]).replace("\n", "?")
     return shown if len(text) <= _LONG else f"{shown}... ({len(text)} characters)"
 

@@ -1,5 +1,5 @@
-"""``stepdiag plan``: the forecast of a survey and its time, before the drive; and useful
-additions.
+"""``stepdiag plan``: before the drive, the forecast of a survey and its duration, and useful
+additional runs.
 """
 
 import json
@@ -36,7 +36,7 @@ def plan(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
-    """Predict the results of a survey, and its time."""
+    """Predict the results of a survey and its duration."""
     from stepdiag.completion.ahead import known_before
     from stepdiag.completion.foreseen import circumstances
     from stepdiag.daq.recording.rounds import noted_stops, round_folders
@@ -117,8 +117,8 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
-    """Return a plan in the form of a survey file, where all runs share the setting of repeats and
-    return passes.
+    """Return a plan in the form of a survey file. In this form all runs share the setting of
+    repeats and return passes.
     """
     import msgspec
 
@@ -183,7 +183,9 @@ def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
 
 
 def _named_json(forecast: "Forecast") -> dict[str, Any]:
-    """Return a survey by its name in the list: its runs, its minutes and its remaining error."""
+    """Return a survey of the planner's list by its name: its runs, its minutes and the remaining
+    error.
+    """
     from stepdiag.base.result.typed import written
 
     return {
@@ -206,10 +208,11 @@ def _named_json(forecast: "Forecast") -> dict[str, Any]:
 
 
 def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
-    """Return the slip that stays unnoticed on a diagonal in every second survey, the size from
-    which nearly none does, and the effect of the first.
+    """Return three sizes in um: the slip of the count on a diagonal that is noticed in half of all
+    surveys, the slip that is noticed in nearly all of them, and the effect of the first slip on the
+    volume.
 
-    None for a plan without diagonals.
+    Empty for a plan without diagonals.
     """
     unseen = ahead.unseen
     if unseen is None:

@@ -1,5 +1,5 @@
-"""``stepdiag proof``: ten minutes of driving after loading, a diagonal and a line, judged table by
-table.
+"""``stepdiag proof``: a proof run after loading (a diagonal and a line, ten minutes of driving),
+judged table by table.
 """
 
 import json
@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 
 MINUTES = 10.0
 EXIT_CODES = {"keep": 0, "restore": JUDGED_WRONG, "undecided": UNDECIDED}
-"""Exit codes of contract 5: a file judged wrong, and data that do not support the request."""
+"""Exit codes of contract 5 for a file that is judged wrong, and for data that do not support the
+request.
+"""
 
 
 def register(app: typer.Typer) -> None:
@@ -131,7 +133,7 @@ def _plan(
 
 
 def _acting(folder: Path) -> list[Path]:
-    """Return the paths of the files of an export that act in the control."""
+    """Return the paths of those files of an export that change the behaviour of the control."""
     from stepdiag.cli.control import tables_among
 
     return [folder / each.name for each in tables_among([folder])[0]]
@@ -217,8 +219,8 @@ def _judge(file: Path, survey: "Survey", *, verbose: bool, as_json: bool) -> Non
 def print_verdict(
     verdict: "Proof", restore: list[Path], records: list[str], *, verbose: bool
 ) -> None:
-    """Print what to do, with the files to restore; with ``verbose`` also each table, and the
-    records in place of sign tests.
+    """Print the next action and the files to restore; with ``verbose`` also each table, and the
+    entries for the profile that replace sign tests.
     """
     from stepdiag.completion.proof import action_words, words_of
 
@@ -244,7 +246,7 @@ def _day(result: Path) -> "date":
 
 
 def _restore_files(file: Path, survey: "Survey") -> list[Path]:
-    """Return the files that restore the control, beside the loaded files."""
+    """Return the paths of the restore files of the control, which lie beside the loaded files."""
     from stepdiag.exporters.files.naming import is_restore
 
     folder = (file.parent / survey.machine.active[0]).parent

@@ -165,7 +165,7 @@ def _who(
     file: Path, kind: str, user: str, password_file: str, whom: str, host: str, *, plain: bool
 ) -> tuple[str | None, str | None]:
     """Return user and password. Raises UsageError for a password without a user, and for a password
-    that others could read on the network.
+    that would cross the network unencrypted.
     """
     from stepdiag.page.settings import is_loopback, secret
 
@@ -188,7 +188,7 @@ def _who(
 
 
 def _refuse(option: str, **given: object) -> None:
-    """Raise UsageError for options without a meaning beside another option."""
+    """Raise UsageError for an option that has no meaning together with another option."""
     names = [f"--{name}" for name, value in given.items() if value]
     if names:
         raise UsageError(

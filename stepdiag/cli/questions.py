@@ -21,7 +21,7 @@ _WORDS = {
 
 
 def on_terminal() -> bool:
-    """Return whether a person can answer."""
+    """Return whether a person at a terminal can answer questions."""
     import sys
 
     return sys.stdin.isatty()
@@ -34,8 +34,8 @@ def asked(
     understood: Callable[[str], Any],
     default: str | None = None,
 ) -> Any:
-    """Return an answer: from the option, or from the person, who is asked until the answer is
-    valid; without a terminal the default.
+    """Return the answer to a question: from the option, or from the person, who is asked until the
+    answer is valid; without a terminal the default.
     """
     import click
 
@@ -64,7 +64,9 @@ def asked(
 def machine_class_asked(
     name: str | None, feedback: str | None, pitch_mm: str | None
 ) -> "MachineClass":
-    """Return the class of the machine, its feedback and, for screws only, their pitch."""
+    """Return the class of the machine, its feedback and the pitch of its ball screws, if its
+    feedback is by screws.
+    """
     from stepdiag.base.conditions.assumptions import CLASSES, FEEDBACKS
     from stepdiag.daq.survey.composed import MachineClass
 

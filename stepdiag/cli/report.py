@@ -1,4 +1,4 @@
-"""``stepdiag report`` and ``stepdiag compare``: results for people."""
+"""``stepdiag report`` and ``stepdiag compare``: results in the form for people."""
 
 import json
 import shlex
@@ -76,8 +76,9 @@ def report(
 
 
 def _require_alike(before: "Result", after: "Result") -> None:
-    """Raise ``DataError`` where the survey after loading is another machine's or of another
-    volume."""
+    """Raise ``DataError`` where the survey after loading is of another machine or of another
+    volume.
+    """
     from stepdiag.comparing.compare import require_alike, require_same_volume
 
     require_alike(before, after)
@@ -96,7 +97,9 @@ def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "
 
 
 def result_file(path: Path) -> Path:
-    """Return the file of a result: the file itself, or that in the folder of a survey."""
+    """Return the file of a result: the given file, or the result's file in the given folder of a
+    survey.
+    """
     from stepdiag.daq.records.survey_folder import RESULT
 
     return path / RESULT if path.is_dir() else path
@@ -109,7 +112,8 @@ def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":
 
 
 def read_result(path: Path, name: str = "") -> "Result":
-    """Return the result in a file or in the folder of a survey, named ``name`` or like its file.
+    """Return the result in a file or in the folder of a survey, named ``name``; without ``name``,
+    named like its file.
 
     Raises ``UsageError`` for a missing or unreadable file, ``DataError`` for a file that is not a
     result.
@@ -143,8 +147,8 @@ def read_result(path: Path, name: str = "") -> "Result":
 
 
 def _distinct(paths: list[Path]) -> list[str]:
-    """Return the files' names, or their paths as given where two names are equal: every survey's
-    result is called result.json.
+    """Return the names of files; where two names are equal, the paths as given, because the result
+    of every survey is called result.json.
     """
     return [
         path.name if len({other.name for other in paths}) == len(paths) else str(path)
@@ -283,7 +287,7 @@ def _left_json(left: "AsLeft", concluded: "Conclusion") -> dict[str, Any]:
 
 
 def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
-    """Print predicted against measured, and the conclusion."""
+    """Print the predicted and the measured errors, and the conclusion from both."""
     from stepdiag.report.certificate import interval_words
     from stepdiag.texts.texts import catalogue
 

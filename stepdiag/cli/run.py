@@ -1,4 +1,6 @@
-"""``stepdiag run``: the daemon, and the processes that it starts when a survey is complete."""
+"""``stepdiag run``: the daemon, and the commands that the daemon starts as processes when a survey
+is complete.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -51,7 +53,7 @@ def complete(
     from stepdiag.report.completed import write_completed_report
     from stepdiag.terminal.exits import refusals_shown
 
-    # the daemon reads the last line as a message
+    # the daemon reads the last line of this output as a message
     with refusals_shown(kept):
         if certificate:
             from stepdiag.cli.certificate import certify_folder

@@ -1,5 +1,6 @@
-"""Runs of other programs: ``--run`` of solve, ``--diagonal`` of verify, tables of ``import``, and
-``stepdiag rtl``."""
+"""Runs measured by other programs: ``--run`` of solve, ``--diagonal`` of verify, tables of
+``import``, and ``stepdiag rtl``.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,7 +28,7 @@ class Compared(NamedTuple):
 
     @property
     def largest_um(self) -> float:
-        """Return the largest difference."""
+        """Return the largest difference between the predicted and the measured error, in um."""
         return max(
             abs(a - b) for a, b in zip(self.predicted_um, self.measured_um, strict=True)
         )
@@ -69,8 +70,8 @@ def rtl(
 
 
 def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readings":
-    """Return readings with the runs of these files added. Raises DataError or UsageError for a file
-    that is wrong or belongs to no setup.
+    """Return readings with the runs of these files added. Raises DataError or UsageError for a
+    wrong file, and for a file that belongs to no setup.
     """
     from stepdiag.base.files import read_text
     from stepdiag.base.readings.rtl import parse_rtl, rtl_readings, with_runs
@@ -94,8 +95,8 @@ def files_of(runs: Sequence[str]) -> list[Path]:
 
 
 def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
-    """Return predicted against measured for each straight diagonal: the mean of its runs, less the
-    value at the first target.
+    """Return the predicted and the measured error for each straight diagonal: the mean of its runs,
+    less the value at the first target.
     """
     import numpy as np
 
@@ -130,7 +131,7 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
 
 
 def print_compared(each: Compared) -> None:
-    """Show one diagonal on a terminal."""
+    """Print the predicted and the measured errors of one diagonal."""
     print_words(
         message("diagonal-difference", diagonal=each.diagonal, largest_um=each.largest_um)
     )

@@ -100,7 +100,7 @@ def setup(
 def _laser(
     port: str | None, form: str | None, baud: int, seconds: float
 ) -> tuple[str, str, int]:
-    """Return the laser's port, format and rate, from the answer or from listening."""
+    """Return the laser's port, format and rate, from the answer of the person or from listening."""
     from stepdiag.checking.hearing import listen, ports
 
     if port is None:
@@ -142,8 +142,8 @@ def _laser(
 
 
 def _control(control: str | None, host: str | None, port: int) -> tuple[str, str, int]:
-    """Return the control, its host and its TCP port (0: the usual port), from the answer or from
-    queries in each protocol, or in the protocol of the named control.
+    """Return the control, its host and its TCP port (0: the usual port), from the answer of the
+    person, or from queries: in every protocol, or only in that of the named control.
     """
     from stepdiag.daq.survey.controls import CONTROLS
 
@@ -171,8 +171,9 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
 
 
 def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered], str, int]":
-    """Return who answers, at which address and port: where nothing answers at the usual ports,
-    another address or port is asked for."""
+    """Return the control that answers, with its address and port. If no control answers at the
+    usual ports, the person is asked for another address or port.
+    """
     from stepdiag.checking.hearing import PROBED, probe
 
     controls = PROBED if control is None else (control,)
@@ -194,8 +195,8 @@ def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered],
 
 
 def _while_saying(words: Message, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-    """Return the result of the work. The questions are asked while the loop runs, so that Ctrl-C
-    closes it properly.
+    """Return the result of an asynchronous function. The questions are asked while its loop runs,
+    so that Ctrl-C closes the loop properly.
     """
     import asyncio
 
@@ -212,7 +213,9 @@ def _likely(answered: "list[Answered]") -> str | None:
 
 
 def _shown(text: str, source: str, seconds: float) -> bool:
-    """Show the signals of the future survey; return whether it can be recorded in this state."""
+    """Show the signals of the future survey; return whether the survey can be recorded in this
+    state.
+    """
     from stepdiag.checking.check import Observation
     from stepdiag.checking.diagnosis import diagnose
     from stepdiag.cli.check import show_findings, watched
@@ -296,7 +299,7 @@ def _whole(text: str) -> int:
 
 
 def _elsewhere(text: str) -> int | str:
-    """Return a TCP port, or the name or address of a control where the answer is no number."""
+    """Return a TCP port; if the answer is no number, the name or address of a control."""
     return _tcp_port(text) if text.lstrip("-").isdecimal() else _text(text)
 
 

@@ -1,5 +1,5 @@
-"""``stepdiag signtest``: the experiment that shows the sense in which a control applies its tables
-(controllers.md 11).
+"""``stepdiag signtest``: a test that shows whether a control adds or subtracts the values of its
+tables (controllers.md 11).
 """
 
 import json
@@ -121,7 +121,9 @@ def signtest(
 def _write_bump(
     test: "Bump", out: Path, controller: str, profile: Path, result: Path | None
 ) -> None:
-    """Write the bump, the restore files, and the steps of the test."""
+    """Write the table with the known value (a bump), the restore files, and the steps of the
+    test.
+    """
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.files.sets import write_set
 
@@ -134,7 +136,7 @@ def _write_bump(
 
 
 def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) -> str:
-    """Return the test as steps for the person who performs it."""
+    """Return the sign test as steps for the person who performs it."""
     from stepdiag.exporters.safety.sign_evidence import FEWEST
 
     moving, measured = test.function[2], test.function[1]

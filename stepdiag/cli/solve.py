@@ -25,11 +25,13 @@ if TYPE_CHECKING:
 
 MOST_TRIALS = 2_000_000
 CLOSED = ("least-squares", "wang2000")
-"""Methods that take the readings alone."""
+"""Solution methods that take only the readings, without other files."""
 DETAILS = frozenset({"unknown_usual", "unknown_slip_passes"})
-"""Sentences about unidentified values, shown by `--verbose` and the report."""
+"""Message keys of the sentences about unidentified values, which `--verbose` and the report
+show.
+"""
 CHAIN = "FXYZ"
-"""The default chain of readings."""
+"""The kinematic chain of a readings file for which no chain is stated."""
 
 
 def register(app: typer.Typer) -> None:
@@ -123,8 +125,8 @@ def solve(
 
 
 def concluded(result: "Result", *, verbose: bool = True) -> list[str]:
-    """Return the conclusion of a result as lines of a terminal; without ``verbose`` shortened, so
-    that it fits a screen.
+    """Return the conclusion of a result as lines for a terminal; without ``verbose`` shortened to
+    fit a screen.
     """
     from stepdiag.conclusion import conclude, conclusion_document
 
@@ -136,7 +138,7 @@ def concluded(result: "Result", *, verbose: bool = True) -> list[str]:
 
 
 def in_lines(document: "Mapping[str, Any]") -> list[str]:
-    """Return the JSON of a conclusion as lines of a terminal."""
+    """Return the JSON of a conclusion as lines for a terminal."""
     from stepdiag.conclusion import titles_of, words_of
     from stepdiag.terminal.tables import conclusion_lines
 
@@ -145,7 +147,7 @@ def in_lines(document: "Mapping[str, Any]") -> list[str]:
 
 
 def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
-    """Raise UsageError for angles whose levers were compensated during the measurement."""
+    """Raise UsageError for a file of angles whose effect was compensated during the measurement."""
     from stepdiag.exporters.safety.levers import left_out
 
     found = left_out(active) if angles is not None else None
@@ -191,7 +193,7 @@ def replay(
     survey: Annotated[Path | None, typer.Option("--survey")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make result and files again from the logs."""
+    """Compute the result and the files again from the logs."""
     from stepdiag.daemon.replay import replay_and_compare
 
     compared = replay_and_compare(logs, out, survey)

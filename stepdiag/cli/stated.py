@@ -18,7 +18,7 @@ ActiveDate = Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"])]
 
 
 def active_files(active: list[Path] | None) -> dict[str, bytes]:
-    """Return the files given by a person, by name."""
+    """Return the files that a person gave as active, by name."""
     from stepdiag.base.files import LARGEST_TABLE_BYTES, read_bytes
 
     return {path.name: read_bytes(path, largest=LARGEST_TABLE_BYTES) for path in active or []}
@@ -34,7 +34,8 @@ def with_compensation(
     """Return the result with the operator's statement of active files, and the hashes of these
     files.
 
-    Raises UsageError where the survey already states it, and for an incomplete answer.
+    Raises UsageError where the survey already states its compensation, and for an incomplete
+    statement.
     """
     from dataclasses import replace
 

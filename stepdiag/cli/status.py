@@ -1,5 +1,5 @@
-"""``stepdiag status``: the state of a survey, from its logs alone; works beside a running daemon,
-and after the daemon has ended.
+"""``stepdiag status``: the state of a survey, from its logs alone; the command works while a daemon
+runs, and after it has ended.
 """
 
 import json
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from stepdiag.daq.records.status import SetupStatus
 
 FEW_REMARKS, FEW_DOUBTS = 6, 4
-"""Lines of the terminal for remarks, and for doubts, without ``--verbose``: with the table of seven
-setups the output then fits a screen of 30 lines.
+"""Number of lines for remarks, and for doubts, without ``--verbose``: together with the table of
+seven setups the output then fits a screen of 30 lines.
 """
 ANSWER = ("reached", "verdict", "load", "next_step")
 """Sections of the conclusion that are printed without ``--verbose``."""
@@ -51,7 +51,7 @@ def status(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
-    """Print the kept parts of a survey and the passes to drive again."""
+    """Print which parts of a survey are kept, and which passes must be driven again."""
     from stepdiag.daemon.survey_state import standing_of
 
     found = standing_of(path)
@@ -110,8 +110,9 @@ def _plain(value: object) -> Any:
 
 
 def _print(found: "Standing", *, verbose: bool) -> None:
-    """Print the next drive or the conclusion first, then the setups and the remarks; without
-    ``verbose`` the first of each kind, and of the setups and links those that need a person.
+    """Print the next pass to drive or the conclusion, then the setups and the remarks. Without
+    ``verbose``, only the first remarks of each kind are printed, and only setups and links that
+    need a person.
     """
     from rich.console import Console
 
@@ -140,8 +141,9 @@ def _print(found: "Standing", *, verbose: bool) -> None:
 
 
 def _remarks(found: "Standing") -> "Iterator[Words]":
-    """Yield the points that need a person: setups, clock, logs, disk, corrections, and a survey
-    file that has changed."""
+    """Yield the lines about states that need a person: setups, clock, logs, disk, corrections, and
+    a survey file that has changed.
+    """
     for setup in found.setups:
         for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
             yield message("labelled", name=_named(setup.name), what=words)
@@ -163,8 +165,8 @@ def _ahead(found: "Standing") -> "list[Words]":
 
 
 def _undated(found: "Standing") -> "list[Words]":
-    """Return the message that the clock was never set, with the command that states the time; empty
-    for a set clock or a stated time.
+    """Return the message that the computer's clock was never set, with the command that states the
+    time of the survey; empty if the clock was set or the time is stated.
     """
     from stepdiag.daq.passes.survey_time import CODE
 
@@ -189,8 +191,8 @@ def _concluded(found: "Standing", *, verbose: bool) -> list[str]:
 
 
 def concluded_in(folder: Path, *, verbose: bool = True) -> list[str]:
-    """Return the conclusion in a survey's folder, as lines; none before the conclusion. Without
-    ``verbose`` the sections `ANSWER` alone.
+    """Return the conclusion in a survey's folder, as lines; no lines before the conclusion exists.
+    Without ``verbose``, only the sections in `ANSWER`.
     """
     from stepdiag.cli.solve import in_lines
     from stepdiag.conclusion import conclusion_in
@@ -221,7 +223,7 @@ def _named(setup: str) -> Message:
 
 def _live(found: "Standing", *, verbose: bool) -> "list[Words]":
     """Return the data and the pending events of the recorder, as lines; none without a recorder.
-    Without ``verbose`` links that are connected, and air and material, are left out.
+    Without ``verbose``, connected links and the values of air and material are left out.
     """
     if found.live is None:
         return []
@@ -251,8 +253,8 @@ def _live(found: "Standing", *, verbose: bool) -> "list[Words]":
 
 
 def _doubted(found: "Standing") -> "list[Words]":
-    """Return every doubt in words, except doubts in the line of a setup, and after the doubts of a
-    place the command that accepts them.
+    """Return every doubt as a line, except the doubts in the line of a setup; after the doubts of a
+    stop or pass comes the command that accepts them.
     """
     from stepdiag.daq.passes.doubt import places_of
 
@@ -272,7 +274,7 @@ def _doubted(found: "Standing") -> "list[Words]":
 
 
 def _still(found: "Standing") -> "list[Words]":
-    """Return the missing passes in the order of driving, a line a pass."""
+    """Return the missing passes in the order of driving, one line per pass."""
     total = sum(drive.minutes for drive in found.to_drive)
     lines: list[Words] = [message("status-to-drive", minutes=max(round(total), 1))]
     for drive in found.to_drive:
@@ -292,7 +294,7 @@ def _still(found: "Standing") -> "list[Words]":
 
 
 def _next(found: "Standing") -> "list[Words]":
-    """Return the next command or drive."""
+    """Return the next command, or the next pass to drive."""
     from stepdiag.daq.records.survey_folder import RESULT
 
     if found.wrong_line:

@@ -10,7 +10,7 @@ from stepdiag.base.messages import message
 from stepdiag.terminal.viewer import print_words
 
 LARGEST_SERIES_BYTES = 400_000_000
-"""Largest number of positions, fifty million: a quarter of an hour at 50 kHz."""
+"""Largest number of laser positions in a series: fifty million, a quarter of an hour at 50 kHz."""
 
 
 def register(app: typer.Typer) -> None:

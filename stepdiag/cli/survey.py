@@ -21,7 +21,7 @@ def init(
     feedback: str | None = None,
     pitch_mm: str | None = None,
 ) -> None:
-    """Write a commented survey file; never over an existing one."""
+    """Write a commented survey file; an existing file is never overwritten."""
     from stepdiag.base.files import refuse_existing, write_new
     from stepdiag.daq.survey.composed import begun
 

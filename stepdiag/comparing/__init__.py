@@ -1,4 +1,4 @@
-"""Two results or more: the changes beyond their uncertainty.
+"""Comparison of two or more results of a machine: the changes that exceed their uncertainty.
 
-In: results. Out: changes and trends. Imported by `cli.report`.
+In: results. Out: changes and trends. `cli.report` imports this package.
 """

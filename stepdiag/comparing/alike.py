@@ -1,5 +1,5 @@
-"""The common check of results before a comparison: required agreement, possible adaptation, and
-remarks.
+"""The check of results before a comparison: facts that must agree, differences that can be adapted,
+and remarks.
 """
 
 from collections.abc import Iterator
@@ -15,19 +15,21 @@ from stepdiag.daq.passes.survey_time import CODE as CLOCK
 from stepdiag.solver.model.effects import TURNING
 
 ALMOST = 0.01
-"""Share of the shortest side: ends of two volumes that differ by less count as equal."""
+"""Tolerance for the ends of two equal volumes, as a share of the shortest side."""
 ALIKE = (*TURNING, "angle origin")
-"""Sources that are equal in two surveys of a machine: unmeasured angles affect both, but not their
-difference.
+"""Sources of the uncertainty budget that have the same effect in two surveys of a machine:
+unmeasured angles affect both surveys, but not their difference.
 """
 OF_INSTRUMENTS = ("air",)
-"""Sources that are equal in two surveys with the same instruments: wavelength and air sensor."""
+"""Sources of the uncertainty budget that have the same effect in two surveys with the same
+instruments: wavelength and air sensor.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """The facts of a result that decide its comparability with others; a text that it does not
-    state is empty.
+    """The facts of a result that decide whether it can be compared with others; a text is empty if
+    the result does not state it.
 
     ``volume_mm`` holds origin and size, ``errors`` the codes of findings that are errors.
     """
@@ -50,7 +52,7 @@ _LENGTHS = {
 
 
 def standing_of(result: Result) -> Standing:
-    """Return the facts of a result."""
+    """Return the facts of a result that decide its comparability."""
     facts = result.survey or Facts()
     head = "head" if result.head_straightness else ""
     return Standing(
@@ -73,8 +75,8 @@ def standing_of(result: Result) -> Standing:
 
 
 def apart(one: Standing, other: Standing) -> Message | None:
-    """Return why two results concern different things, if both state it; None where they can be
-    compared.
+    """Return the reason why two results cannot be compared, such as another machine, if both state
+    the fact; None where they can be compared.
     """
     if _differ(one.machine_serial, other.machine_serial):
         return message(
@@ -93,8 +95,8 @@ def _differ(one: str, other: str) -> bool:
 
 
 def remarks(one: Standing, other: Standing) -> Iterator[Message]:
-    """Yield the remarks for a reader of a comparison: adapted differences, and doubts about a
-    result.
+    """Yield the remarks for the reader of a comparison: differences that were adapted, and doubts
+    about a result.
     """
     if one.volume_mm and other.volume_mm and not same_volume(one, other):
         yield message("remark-volumes")
@@ -121,8 +123,8 @@ def same_volume(one: Standing, other: Standing) -> bool:
 
 
 def common_share(budget: Budget | None, name: str, *, same_instruments: bool) -> float:
-    """Return the share of a quantity's standard uncertainty that all its surveys have in common; 0
-    without a budget.
+    """Return the share of a quantity's standard uncertainty that is common to all surveys of the
+    machine; 0 without a budget.
     """
     if budget is None or budget.combined.get(name, 0.0) <= 0.0:
         return 0.0

@@ -1,4 +1,6 @@
-"""Comparison of results of a machine: its changes, and whether they exceed the uncertainty."""
+"""Comparison of results of a machine: the changes of its errors, and whether a change exceeds its
+uncertainty.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -21,7 +23,9 @@ from stepdiag.comparing.evolution import beyond
 from stepdiag.conclusion.intervals import reach_of
 
 GRID = 11
-"""Points per axis of the grid over which volumetric errors are compared."""
+"""Number of points per axis of the grid over which the volumetric errors of results are
+compared.
+"""
 
 Known = tuple[float | None, float | None]
 Shares = tuple[float, float]
@@ -31,8 +35,9 @@ Shares = tuple[float, float]
 class Change:
     """Change of a quantity from the first result to the second.
 
-    For a function, the node where the difference is largest against its uncertainty. ``verdict`` is
-    None if a result does not identify the quantity or states no uncertainty.
+    The values of a function are those at the node where the difference is largest relative to its
+    uncertainty. ``verdict`` is None if a result does not identify the quantity or states no
+    uncertainty.
     """
 
     name: str
@@ -40,13 +45,13 @@ class Change:
     before: float | None
     after: float | None
     u: float | None
-    """Standard uncertainty of the difference."""
+    """Standard uncertainty of the difference between both values."""
     position_mm: float | None = None
     verdict: Verdict | None = None
 
     @property
     def difference(self) -> float | None:
-        """Return after - before."""
+        """Return the value after minus the value before; None where one is missing."""
         return None if self.before is None or self.after is None else self.after - self.before
 
     @property
@@ -57,9 +62,9 @@ class Change:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """All changes from one result to another, and the volumetric error of both over their common
-    volume (rms, rigid motion removed): from the functions, and as intervals at k = 2
-    (`solver.result.prediction`). ``remarks``: further facts for the reader.
+    """All changes from one result to another, and the volumetric errors of both results over their
+    common volume (rms, rigid motion removed): computed from the functions, and as intervals at k =
+    2 (`solver.result.prediction`). ``remarks``: further facts for the reader.
     """
 
     remarks: tuple[Message, ...]
@@ -95,7 +100,7 @@ def require_alike(before: Result, after: Result) -> None:
 
 
 def compare(before: Result, after: Result) -> Comparison:
-    """Return the changes; all quantities together are reported as changed by chance as rarely as a
+    """Return the changes; for an unchanged machine, the chance of any reported change is that of a
     single quantity beyond k = 2.
 
     Raises ``DataError`` if the results are not of the same machine in the same state
@@ -135,8 +140,9 @@ def require_same_volume(before: Result, after: Result) -> None:
 
 
 def _interval(result: Result, common: Volume) -> Interval:
-    """Return the volumetric error as found: the result's own statement for its own volume, as in
-    report and page; for another volume it is drawn again.
+    """Return the volumetric error of a machine as found. For the result's own volume it is the
+    value stated in the result, as in report and page; for another volume it is computed from new
+    draws.
     """
     if (
         result.predicted is not None
@@ -154,8 +160,8 @@ def _interval(result: Result, common: Volume) -> Interval:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Asked:
-    """A change, and the differences behind it (shapes (nodes,)): ``u`` is the part that the surveys
-    do not share, ``whole`` the complete uncertainty.
+    """A change, and the differences behind it (shapes (nodes,)): ``u`` is the part of the
+    uncertainty that the surveys do not have in common, ``whole`` the complete uncertainty.
     """
 
     change: Change
@@ -169,8 +175,8 @@ def _judged(before: Result, after: Result) -> tuple[Change, ...]:
     """Return every change with its verdict: changed if it exceeds the largest chance difference of
     all nodes and numbers, unchanged if no change above three U is possible.
 
-    Surveys with a scatter beyond U have it in all quantities, so the median of their differences
-    widens each. Loading tables changes all quantities, too.
+    A scatter beyond U affects all quantities of a survey, so the median of all differences widens
+    the limit of each quantity. Loaded tables change all quantities, too.
     """
     asked = list(_changes(before, after))
     steps, u, whole = (
@@ -201,7 +207,7 @@ def _with_verdict(asked: _Asked, questions: int, scattered: float) -> Change:
 
 
 def _changes(before: Result, after: Result) -> Iterator[_Asked]:
-    """Yield every change; for a function the largest."""
+    """Yield every change; for a function, the change at the node where it is largest."""
     instruments = {standing_of(result).instruments for result in (before, after)}
     shares = partial(_shares, (before, after), same_instruments=len(instruments) == 1)
     for name, q in before.squareness.items():
@@ -230,8 +236,8 @@ def _shares(results: Sequence[Result], name: str, *, same_instruments: bool) -> 
 
 
 def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:
-    """Return the standard uncertainty of a difference; the shares ``alike`` of both sides have a
-    common cause.
+    """Return the standard uncertainty of a difference; the shares ``alike`` of both uncertainties
+    have a common cause and do not affect the difference.
     """
     own = [
         u * np.sqrt(1.0 - share**2) for u, share in ((before, alike[0]), (after, alike[1]))
@@ -260,8 +266,8 @@ def _number_change(
 
 
 def _function_change(name: str, before: Function, after: Function, alike: Shares) -> _Asked:
-    """Return the change at the node where it is most significant; of shapes if either is only a
-    shape.
+    """Return the change of a function at the node where it is most significant. If only the shape
+    of either function is known, the change is that of the shape.
     """
     if before.value is None or after.value is None:
         return _Asked(
@@ -305,16 +311,16 @@ def _at_node(
 
 
 def _other_line(name: str, before: Function, after: Function) -> bool:
-    """Return whether two straightnesses refer to different end points, so that only their shapes
-    over the common range can be compared.
+    """Return whether two straightness functions refer to different end points, so that only their
+    shapes over the common range can be compared.
     """
     same = np.allclose(before.position_mm[[0, -1]], after.position_mm[[0, -1]], atol=1e-6)
     return name in DISPLACEMENTS and name[1] != name[2] and not same
 
 
 def _common_nodes(before: Function, after: Function) -> Vector:
-    """Return the nodes of the coarser function that the other covers too: the coarser has no values
-    between its nodes.
+    """Return those nodes of the coarser function that the finer function covers: the coarser
+    function has no values between its nodes.
     """
     coarse, fine = (
         (before, after)
@@ -336,16 +342,16 @@ def _common_nodes(before: Function, after: Function) -> Vector:
 
 
 def _at_nodes(function: Function, values: Vector, nodes: Vector) -> Vector:
-    """Return a column interpolated at other nodes."""
+    """Return a column of a function (values or uncertainties), interpolated at other nodes."""
     at: Vector = np.interp(nodes, function.position_mm, values)
     return at
 
 
 def _common_volume(results: Sequence[Result]) -> Volume:
-    """Return the common box of all results, without length in an axis that did not travel in one of
-    them.
+    """Return the common volume of all results; its size is 0 along an axis that did not travel in
+    one of them.
 
-    Raises ``DataError`` without a common box.
+    Raises ``DataError`` without a common volume.
     """
     low = np.max([result.volume.origin_mm for result in results], axis=0)
     high = np.min(
@@ -376,8 +382,9 @@ def _rms_um(result: Result, volume: Volume) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """One quantity over many results, with its standard uncertainties; None where not
-    identified."""
+    """A quantity in several results, with its standard uncertainties; None in a result that does
+    not identify the quantity.
+    """
 
     name: str
     unit: str
@@ -386,8 +393,9 @@ class Trend:
 
 
 def trend(results: Sequence[Result]) -> tuple[Trend, ...]:
-    """Return squareness, scale, the range of each function and the volumetric error over many
-    results, in the order given."""
+    """Return the trends of squareness, scale, range of each function and volumetric error over
+    several results, in the given order.
+    """
     common = _common_volume(results)
     first = results[0]
     found = [
@@ -428,7 +436,9 @@ def _trend(name: str, unit: str, known: Sequence[Known]) -> Trend:
 
 
 def _range(function: Function) -> Known:
-    """Return the range of a function and the uncertainty of the difference of its extremes."""
+    """Return the range of a function (largest less smallest value), and the standard uncertainty of
+    this range.
+    """
     if function.value is None:
         return None, None
     low, high = int(np.argmin(function.value)), int(np.argmax(function.value))

@@ -6,7 +6,7 @@ The figures of a quantity at N nodes in T surveys are
 
 - ``u_own`` is the own uncertainty of each survey: its combined uncertainty less the part common to
   all surveys with the same instruments (unmeasured angles, wavelength, sensors). The common part
-  shifts all figures alike; it is added again when a figure is compared with a tolerance. A survey
+  shifts all figures equally; it is added again when a figure is compared with a tolerance. A survey
   with other instruments has another common part, which is added to its ``u_own``.
 - ``u_own`` is widened by the whole machine's scatter beyond U, up to `LARGEST_SCATTER` times u: the
   median of all differences between neighbouring surveys, less the part explained by ``u_own``. A
@@ -22,11 +22,11 @@ count as few questions. Courses compete by
 
     log evidence = gain / 2 - log(number of courses of their kind)
 
-so the largest is accepted first, and the search continues with the rest. Its share of the evidence
-of all courses is its probability: the interval of "since when" contains `HELD` of the steps'
-evidence, and a line has a day of leaving only where steps and run-ins have less than the rest. A
-season, which fits any levels of two or three visits, is accepted only if steps and lines have less
-than 1 - `HELD` of the evidence.
+so the course with the largest evidence is accepted first, and the search continues with the
+remaining courses. Its share of the evidence of all courses is its probability: the interval of
+"since when" contains `HELD` of the steps' evidence, and a line has a day of leaving only where
+steps and run-ins have less than the rest. A season, which fits any levels of two or three visits,
+is accepted only if steps and lines have less than 1 - `HELD` of the evidence.
 
 Verdicts: "changed" for an accepted course. "unchanged" if none is accepted and a change of three U
 is excluded at any survey, including a change that is reversed before the next survey, which no step
@@ -50,26 +50,34 @@ Mask = NDArray[np.bool_]
 Kind = Literal["step", "line", "run-in", "season"]
 
 LARGEST_SCATTER = 3.0
-"""In u. Scatter above this is not scatter: such differences are changes, or U is wrong."""
+"""Largest scatter beyond U that is accepted, in standard uncertainties. A larger scatter means that
+the differences are changes, or that U is wrong.
+"""
 ENOUGH = 8
-"""Number of differences from which their median gives a scatter, then known to a third."""
+"""Number of differences from which the median gives the scatter; the scatter is then known to a
+third.
+"""
 HELD = 0.95
 MOST_COURSES = 5
-"""Largest number of changes named in one quantity; the largest are named."""
+"""Largest number of changes that are named in one quantity; smaller changes are left out."""
 RUN_INS = (0.1, 0.25, 0.5)
-"""Time constants of a run-in as shares of the time observed: a longer one is a line."""
+"""Time constants of a run-in as shares of the observed time: a run-in with a longer constant is a
+line.
+"""
 TOO_ALIKE = 1e-9
-"""A course counts as a combination of the others if the square of its remainder is less than this
-share of the weights.
+"""A course counts as a combination of other courses if the square of its remainder, after they are
+subtracted, is less than this share of the weights.
 """
 SEASON_YEARS, SEASON_SURVEYS = 1.0, 6
-"""A season is searched if the surveys contain more figures than it has unknowns."""
+"""Period of a season in years, and the least number of surveys for a season: a season is searched
+if the surveys contain more figures than the season has unknowns.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """A quantity in its surveys, NaN for a survey without it: ``values``, ``u`` and a survey's own
-    part of u, shapes (surveys, nodes).
+    """A quantity over the surveys of a machine: ``values``, ``u`` and ``u_own`` (the part of u that
+    belongs to a single survey), shapes (surveys, nodes); NaN for a survey without the quantity.
     """
 
     values: Array
@@ -77,7 +85,7 @@ class Figures:
     u: Array
 
     def widened(self, scatter: float) -> "Figures":
-        """Return the figures with ``scatter`` times u in each survey's own part."""
+        """Return the figures with ``scatter`` times u added to the own part of each survey."""
         return (
             self
             if not scatter
@@ -87,16 +95,17 @@ class Figures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calendar:
-    """The surveys of a machine: ``years`` since the first, where tables were loaded (``broken``),
-    where an event is named (``named``)."""
+    """The surveys of a machine: ``years`` since the first survey, ``broken`` where tables were
+    loaded before the survey, ``named`` where an event is named.
+    """
 
     years: Array
     broken: Mask
     named: Mask
 
     def of(self, kept: Mask) -> "Calendar":
-        """Return the calendar of some of the surveys: an event before an omitted survey belongs to
-        the next one.
+        """Return the calendar of some of the surveys. An event before an omitted survey is assigned
+        to the next survey.
         """
         if kept.all():
             return self
@@ -115,11 +124,11 @@ class Calendar:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """An accepted course. ``first`` and ``last``: the surveys between which it began;
+    """An accepted course. ``first`` and ``last``: the surveys between which the course began;
     ``probability``: its share of the evidence.
 
-    ``size`` and ``u`` (um, urad or um/m, a year for a line) hold at ``node``, where it stands out
-    most.
+    ``size`` and ``u`` (um, urad or um/m; per year for a line) hold at ``node``, where the course is
+    most significant.
     """
 
     kind: Kind
@@ -135,8 +144,8 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Explained:
-    """The evolution of a quantity; ``further`` surveys would decide an undecided quantity, None if
-    no number of them does.
+    """The evolution of a quantity; ``further`` is the number of further surveys that would decide
+    an undecided quantity, None if no number does.
     """
 
     verdict: Verdict
@@ -144,7 +153,7 @@ class Explained:
     further: int | None = None
 
     def renumbered(self, numbers: Mapping[int, int]) -> "Explained":
-        """Return the explanation with its surveys numbered anew."""
+        """Return the evolution with the numbers of its surveys replaced."""
         if not self.courses:
             return self
         return replace(self, courses=tuple(_placed(each, numbers) for each in self.courses))
@@ -152,8 +161,8 @@ class Explained:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Candidates:
-    """Possible courses: columns, shape (surveys, courses), with kind, place and log prior of
-    each.
+    """The courses that are tried: columns, shape (surveys, courses), with kind, place and logarithm
+    of the prior of each course.
     """
 
     columns: Array
@@ -184,9 +193,10 @@ def scatter(figures: Sequence[Figures], calendar: Calendar) -> float:
 
 def beyond(steps: Array, expected: Array, whole: Array, independent: int) -> float:
     """Return the factor by which differences scatter beyond their own standard uncertainty
-    ``expected``; ``whole`` is the uncertainty with all of u.
+    ``expected``; ``whole`` is the complete standard uncertainty of the differences.
 
-    ``independent`` is the number of independent differences: nodes of one function vary together.
+    ``independent`` is the number of independent differences: the nodes of one function vary
+    together.
     """
     if min(independent, len(steps)) < ENOUGH:
         return 0.0
@@ -202,7 +212,7 @@ def beyond(steps: Array, expected: Array, whole: Array, independent: int) -> flo
 
 
 def explained(figures: Sequence[Figures], calendar: Calendar) -> list[Explained]:
-    """Return the explanation of each quantity of a machine."""
+    """Return the evolution of each quantity of a machine."""
     questions = sum(each.values.shape[1] for each in figures)
     together: dict[bytes, list[int]] = {}
     for number, each in enumerate(figures):
@@ -218,7 +228,7 @@ def explained(figures: Sequence[Figures], calendar: Calendar) -> list[Explained]
 
 
 def _kept(figures: Figures) -> Mask:
-    """Return a mask of the surveys that have the quantity with its uncertainty."""
+    """Return a mask of the surveys that have a value and an uncertainty of the quantity."""
     finite = np.isfinite(figures.values + figures.u_own)
     kept: Mask = np.all(finite, axis=1)
     return kept
@@ -227,8 +237,8 @@ def _kept(figures: Figures) -> Mask:
 def _explained(
     figures: Sequence[Figures], calendar: Calendar, questions: int
 ) -> Iterator[Explained]:
-    """Yield the evolution of quantities of the same surveys: all are tested at once, then each with
-    an accepted course separately.
+    """Yield the evolution of quantities that have the same surveys: all quantities are tested at
+    once, then each quantity with an accepted course separately.
     """
     kept = _kept(figures[0])
     if np.count_nonzero(kept) < 2:
@@ -240,7 +250,7 @@ def _explained(
     with np.errstate(divide="ignore"):
         weights = np.hstack([each.u_own[kept] ** -2.0 for each in figures])
     weights[:, ~np.isfinite(weights).all(axis=0)] = (
-        0.0  # a node that is zero by definition has nothing to show
+        0.0  # a node that is zero by definition cannot change
     )
     gains = _gains_beside_levels(values, weights, days, candidates)
     limits = _thresholds(candidates, days, questions)
@@ -266,7 +276,7 @@ def _explained(
 
 
 def _base(days: Calendar) -> Array:
-    """Return the columns common to every model: a level, and another level from each known break
+    """Return the columns common to every model: a level, and a further level from each known break
     on.
     """
     count = np.arange(len(days.years))
@@ -276,8 +286,8 @@ def _base(days: Calendar) -> Array:
 
 
 def _thresholds(candidates: "_Candidates", days: Calendar, questions: int) -> Array:
-    """Return the gain that each course reaches by chance as rarely as `ERRS` over all questions of
-    both rounds together.
+    """Return the gain that an arbitrary course reaches by chance with the probability `ERRS`, over
+    all questions of both rounds together.
     """
     events = int(np.count_nonzero(days.named[1:]))
     first = np.array(
@@ -299,8 +309,8 @@ def _thresholds(candidates: "_Candidates", days: Calendar, questions: int) -> Ar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Gains:
-    """The gains of each course, shapes (courses, nodes): the decrease of chi-squared, its size and
-    standard uncertainty.
+    """The gain of each course (the decrease of chi-squared), its size and the standard uncertainty
+    of the size, shapes (courses, nodes).
     """
 
     gain: Array
@@ -335,8 +345,8 @@ class _Search:
     questions: int
 
     def courses(self, gains: _Gains, surveys: NDArray[np.int64]) -> tuple[Course, ...]:
-        """Return the courses; ``gains`` are relative to the known breaks alone, ``surveys`` are the
-        numbers of the kept ones among all.
+        """Return the accepted courses. ``gains`` are relative to a model with the known breaks
+        alone; ``surveys`` are the numbers of the kept surveys among all surveys.
         """
         taken: list[_Taken] = []
         while len(taken) < MOST_COURSES and (following := self._next(gains)) is not None:
@@ -355,12 +365,14 @@ class _Search:
         )
 
     def _columns(self, number: int) -> Array:
-        """Return the columns of a candidate: two of a season, else one."""
+        """Return the columns of a candidate: two columns for a season, otherwise one."""
         width = 2 if self.candidates.kinds[number] == "season" else 1
         return self.candidates.columns[:, number : number + width]
 
     def _next(self, gains: _Gains) -> _Taken | None:
-        """Return the course that explains most of the rest, None if chance explains the rest."""
+        """Return the course that explains most of the remaining differences, None if chance
+        explains them.
+        """
         best = gains.gain.max(axis=1, initial=0.0)
         evidence = np.where(best > self.limits, best / 2 + self.candidates.log_prior, -np.inf)
         if not np.any(np.isfinite(evidence)):
@@ -376,15 +388,15 @@ class _Search:
             ):
                 evidence[
                     wider
-                ] = -np.inf  # at once or gradually: the interval of the step includes both
+                ] = -np.inf  # at once or gradually: the interval must include both
         number = int(np.argmax(evidence))
         alike = np.where(kinds == kinds[number], share, 0.0)
         first, last = self._since(number, alike)
         return _Taken(number=number, probability=float(alike.sum()), first=first, last=last)
 
     def _since(self, number: int, alike: Array) -> tuple[int, int]:
-        """Return the surveys between which the course began: between them, the steps have `HELD` of
-        the evidence.
+        """Return the surveys between which the course began: the steps in this interval have the
+        share `HELD` of the evidence.
         """
         if self.candidates.kinds[number] != "step":
             return 0, len(self.values) - 1
@@ -394,8 +406,8 @@ class _Search:
         return int(places.min()) - 1, int(places.max())
 
     def _sized(self, taken: Sequence[_Taken]) -> Iterator[Course]:
-        """Yield the courses with their sizes beside one another; and the effect of loading, if more
-        than chance.
+        """Yield the accepted courses with sizes fitted together; also the effect of loaded tables,
+        if it is more than chance.
         """
         breaks = np.flatnonzero(self.days.broken).tolist()
         sizes, u = _sized(self.values, self.weights, self._design(taken))
@@ -453,10 +465,10 @@ def _hidden(u: Array, weights: Array, candidates: _Candidates, gains: _Gains) ->
 
 
 def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
-    """Return the nodes at which a single survey may be off by `DENIABLE` U, shape (nodes,): a
-    change that was reversed, which no step shows.
+    """Return the nodes at which a single survey may be off by `DENIABLE` U, shape (nodes,): no step
+    shows a change that was reversed before the next survey.
 
-    The first and the last survey after a known break may be off by a step.
+    The first and the last survey after a known break may be off because of a step.
     """
     found: Mask = np.zeros(values.shape[1], dtype=bool)
     for level in _base_levels(days):
@@ -487,8 +499,8 @@ def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
 
 
 def _unchanged(hidden: Mask, lone: Mask, search: _Search, gains: _Gains) -> Explained:
-    """Return "unchanged" where no change is possible unnoticed, else the number of further surveys
-    that would decide; none of them decides about an earlier one.
+    """Return "unchanged" where no change can have stayed unnoticed; otherwise the number of further
+    surveys that would decide. No further survey decides about an earlier single survey.
     """
     if np.any(lone):
         return Explained(verdict="undecided", courses=())
@@ -517,12 +529,12 @@ def _unchanged(hidden: Mask, lone: Mask, search: _Search, gains: _Gains) -> Expl
 
 
 def _standing_out(sizes: Array, u: Array) -> int:
-    """Return the node at which a size is largest against its uncertainty."""
+    """Return the node at which a size is largest relative to its uncertainty."""
     return int(np.argmax(np.divide(np.abs(sizes), u, out=np.zeros(len(u)), where=u > 0)))
 
 
 def _placed(course: Course, numbers: Mapping[int, int] | NDArray[np.int64]) -> Course:
-    """Return a course with its surveys numbered anew."""
+    """Return a course with the numbers of its surveys replaced."""
     return replace(
         course,
         at=int(numbers[course.at]),
@@ -532,8 +544,8 @@ def _placed(course: Course, numbers: Mapping[int, int] | NDArray[np.int64]) -> C
 
 
 def _surveys_to_decide(size: float, own: Array, at: int, questions: int) -> int | None:
-    """Return the number of further surveys after which a step of this size is found, None for more
-    than ten.
+    """Return the number of further surveys after which a step of this size is detected, None for
+    more than ten.
     """
     limit = NormalDist().inv_cdf(1 - ERRS / 2 / (questions * len(own)))
     before = np.sum(own[:at] ** -2.0)
@@ -545,8 +557,8 @@ def _surveys_to_decide(size: float, own: Array, at: int, questions: int) -> int 
 
 
 def _candidates(calendar: Calendar) -> _Candidates:
-    """Return the courses that T surveys can show: steps from two on, a line from four, run-ins and
-    seasons from six.
+    """Return the courses that can be found in a number of surveys: steps from two surveys on, a
+    line from four, run-ins and seasons from six.
     """
     years, count = calendar.years, len(calendar.years)
     kinds: list[Kind] = []
@@ -587,15 +599,15 @@ def _candidates(calendar: Calendar) -> _Candidates:
 
 
 def waves_of(years: Array) -> tuple[Array, Array]:
-    """Return the columns of a season, shape (surveys,) each."""
+    """Return the two columns of a season, sine and cosine, shape (surveys,) each."""
     return np.sin(2 * np.pi * years / SEASON_YEARS), np.cos(2 * np.pi * years / SEASON_YEARS)
 
 
 def _gains_beside_levels(
     values: Array, weights: Array, days: Calendar, candidates: _Candidates
 ) -> _Gains:
-    """Return the gains of each course relative to the levels between known breaks, computed from
-    sums, because a machine has thousands of courses.
+    """Return the gains of each course relative to a model of levels between known breaks. The gains
+    are computed from sums, because a machine has thousands of courses.
     """
     columns = candidates.columns
     pair = candidates.kinds.index("season") if "season" in candidates.kinds else None
@@ -636,7 +648,7 @@ def _base_levels(days: Calendar) -> list[slice]:
 
 def _gained(along: Array, norm: Array, total: Array) -> _Gains:
     """Return the gains of columns from their products with the remainder and with themselves; a
-    column within the base gains nothing.
+    column that is a combination of the base columns has no gain.
     """
     usable = norm > TOO_ALIKE * total
     size, squared = (
@@ -647,8 +659,8 @@ def _gained(along: Array, norm: Array, total: Array) -> _Gains:
 
 
 def _gains(values: Array, weights: Array, base: Array, candidates: _Candidates) -> _Gains:
-    """Return the gains of each course relative to the columns of ``base``; zero for a course within
-    the base.
+    """Return the gains of each course relative to the columns of ``base``; zero for a course that
+    is a combination of these columns.
     """
     root = np.sqrt(weights).T[:, :, None]
     q, _ = np.linalg.qr(base * root)
@@ -665,7 +677,7 @@ def _gains(values: Array, weights: Array, base: Array, candidates: _Candidates) 
 
 
 def _together(pair: Array, rest: Array) -> Array:
-    """Return by how much two columns together lower chi-squared, shape (nodes,)."""
+    """Return the decrease of chi-squared by two columns together, shape (nodes,)."""
     products = pair.transpose(0, 2, 1) @ pair
     along = pair.transpose(0, 2, 1) @ rest
     found: Array = np.einsum(
@@ -676,7 +688,8 @@ def _together(pair: Array, rest: Array) -> Array:
 
 def fit(values: Array, weights: Array, design: Array) -> tuple[Array, Array]:
     """Return the amounts of the columns of a design at every node, shape (columns, nodes), and
-    their covariances, one matrix a node."""
+    their covariances, one matrix per node.
+    """
     normal = np.einsum("ti,tn,tj->nij", design, weights, design)
     covariance: Array = np.linalg.pinv(normal, hermitian=True)
     amounts: Array = np.einsum("nij,tj,tn->in", covariance, design, weights * values)

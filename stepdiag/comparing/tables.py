@@ -13,14 +13,14 @@ from stepdiag.terminal.viewer import empty_table, shown
 from stepdiag.texts.texts import UNITS
 
 WHICH = ("machine", "machine_serial", "survey", "begun")
-"""The names in the result's ``survey`` that distinguish results; a result with readings from
-another source may state fewer.
+"""Members of a result's ``survey`` by which results are distinguished; a result from readings of
+another program may state only some of them.
 """
 
 
 def which(result: Result) -> dict[str, str]:
-    """Return the survey of a result, if stated: machine, serial number, survey and its
-    beginning.
+    """Return a text about the survey of a result: machine, serial number, survey and its beginning,
+    as far as stated.
     """
     return {name: value for name in WHICH if (value := getattr(result.survey, name, ""))}
 
@@ -40,8 +40,8 @@ def sources(results: Sequence[Result]) -> Text:
 
 
 def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
-    """Return a row per quantity: both values, difference, its expanded uncertainty, and whether the
-    difference is larger.
+    """Return a row per quantity: both values, the difference, its expanded uncertainty, and whether
+    the difference exceeds it.
     """
     table = empty_table(message("table-changes"))
     table.title = Text(f"{before} -> {after}")
@@ -64,7 +64,9 @@ def _shown(value: float | None, decimals: int = 2) -> str:
 
 
 def trend_table(trends: Sequence[Trend], names: Sequence[str]) -> Table:
-    """Return a row per quantity and a column per result, values with their expanded uncertainty."""
+    """Return a row per quantity with a column per result: the values with their expanded
+    uncertainty.
+    """
     table = empty_table(message("table-trends"))
     for name in names:
         table.add_column(Text(name), justify="right")

@@ -1,4 +1,6 @@
-"""The next passes of a running survey, from its logs, and a further setup put into its file."""
+"""The next passes of a running survey, from its logs; and a further setup, written into the survey
+file.
+"""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -31,8 +33,8 @@ from stepdiag.solver.planning.sequel import Sequel, sequel, shown_by
 
 
 def look_ahead(file: Path) -> tuple[Survey, Path | None, Sequel]:
-    """Return a survey, the folder of the present round (None before the first), and the runs to
-    drive next.
+    """Return a survey, the folder of the present round (None before the first round), and the runs
+    to drive next.
 
     Raises the errors of `load_survey`, and DataError where the logs belong to another survey file.
     """
@@ -74,9 +76,10 @@ def _readings(survey: Survey, book: PassBook) -> Readings | None:
 def known_before(
     file: Path, survey: Survey, about: Circumstances
 ) -> tuple[Circumstances, Path | None]:
-    """Return the circumstances with the sizes from the last finished survey of this machine, and
-    its folder if it shows the angles; searched in folders beside this one and in the store. Raises
-    UsageError for a store that does not exist.
+    """Return the circumstances of a survey, with the assumed sizes that the last finished survey of
+    this machine found, and the folder of that survey if it determined the angles. The last survey
+    is searched in the neighbouring folders and in the store. Raises UsageError for a store that
+    does not exist.
     """
     found = dict[tuple[str, Path], tuple[Result, Readings]]()
     for path in (*survey.folder(file).parent.glob(f"*/*/{RESULT}"), *_archived(file, survey)):
@@ -166,7 +169,8 @@ def _line_words(run: Run) -> Words:
 
 
 def take(file: Path, survey: Survey, ahead: Sequel) -> Run:
-    """Add the next setup to the survey file, if the plan lacks it; return the setup.
+    """Add the next setup to the survey file, if the plan does not contain the setup; return the
+    setup.
 
     Raises UsageError if no further setup is worth driving, or the file cannot hold it.
     """
@@ -183,7 +187,7 @@ def take(file: Path, survey: Survey, ahead: Sequel) -> Run:
 
 
 def _with(plan: PlanSection, run: Run) -> PlanSection:
-    """Return a section of the plan with a further setup."""
+    """Return the text of a section of the plan, with a further setup."""
     setup = run.travel
     if not setup.shift:
         return msgspec.structs.replace(plan, setups=(*plan.setups, run.setup))

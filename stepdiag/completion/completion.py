@@ -61,8 +61,8 @@ from stepdiag.solver.model.angles import Angles, parse_angles
 
 @dataclass(frozen=True, slots=True)
 class Completed:
-    """The outcome of a survey: its folder, the result, the exports, and the reasons of refused
-    exports, by controller.
+    """The outcome of a survey: the folder of the files, the result, the exports, and the reasons of
+    refused exports by controller.
 
     ``recorded`` is the folder of its logs: a replay writes elsewhere and uses the same logs.
     """
@@ -73,7 +73,7 @@ class Completed:
     exports: tuple[ExportReport, ...]
     refusals: dict[str, Words]
     language: Literal["en", "de"] = "en"
-    """The language of the survey, for files that people read."""
+    """The language of the files that people read."""
 
 
 def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) -> Completed:
@@ -82,10 +82,11 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
 
     ``survey_file`` replaces an unusable survey file in the logs.
 
-    Raises DataError for missing passes, for an unsolvable survey, and for an open doubt; then
-    ``judged.jsonl`` holds the reason, and only the readings are written, which later readings may
-    replace. A file of a complete survey is never replaced. A refused export affects neither the
-    others nor the result: its reason is written to ``exports/<controller>/REFUSED.txt``.
+    Raises DataError for missing passes, for an unsolvable survey, and for an open doubt. After an
+    open doubt, ``judged.jsonl`` holds the reason, and only the readings are written; later readings
+    may replace them. A file of a complete survey is never replaced. A refused export affects
+    neither the other exports nor the result: the reason of the refusal is written to
+    ``exports/<controller>/REFUSED.txt``.
     """
     replayed = leave_readings(paths, out, survey_file)
     try:
@@ -98,7 +99,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
         raise
     _require_settled(replayed, out)
     text = computed.to_json()
-    # the following code uses the rounded numbers of the file: the last bits of a sum differ from
+    # from here on, the rounded numbers of the file are used: the last bits of a sum differ from
     # processor to processor
     result = parse_result(text, RESULT)
     exports, refusals = _export_all(replayed, result, out / EXPORTS)
@@ -111,7 +112,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
 def leave_readings(
     paths: Sequence[Path], out: Path, survey_file: Path | None = None
 ) -> Replayed:
-    """Write the readings of logs into ``out``, whatever their doubts; return the logs, with the
+    """Write the readings of logs into ``out``, also readings with doubts; return the logs, with the
     later verdicts on them.
 
     ``survey_file`` as in `complete`. Raises DataError where passes are missing.
@@ -124,8 +125,8 @@ def leave_readings(
 
 
 def replay_judged(paths: Sequence[Path], survey_file: Path | None = None) -> Replayed:
-    """Return logs with the verdicts of persons and the solver beside them. Raises the errors of
-    `find_logs` and `replay`, where ``survey_file`` is explained.
+    """Return logs with the verdicts of persons and of the solver from the files beside them. Raises
+    the errors of `find_logs` and `replay`; `replay` explains ``survey_file``.
     """
     logs = find_logs(paths)
     verdicts = verdicts_in(logs[0].parent)
@@ -144,7 +145,7 @@ def solve_logs(
 
     The 4-DOF head's runs enter the method `estimate`; the closed forms use only the diagonals.
     ``environment`` holds conditions (by their names in the survey file) that replace the recorded
-    ones.
+    conditions.
     """
     _require_all(replayed)
     survey = replayed.survey
@@ -207,7 +208,7 @@ def readings_of(
     replayed: Replayed, environment: Mapping[str, float] | None = None
 ) -> Readings:
     """Return the readings of replayed logs; ``environment`` holds conditions that replace the
-    recorded ones.
+    recorded conditions.
     """
     return tabulate(replayed.survey, replayed.book.passes, environment or {})
 
@@ -217,14 +218,14 @@ def _folder(replayed: Replayed) -> Path:
 
 
 def _write_readings(out: Path, text: str) -> None:
-    """Write the readings; the readings of an open survey may be replaced by later readings."""
+    """Write the readings; as long as a survey is open, later readings may replace them."""
     files, solved = hashed({out / READINGS: text}), (out / RESULT).exists()
     if solved or not all(holds(path, data) for path, data in files.items()):
         write_together(files, over=not solved)
 
 
 def _require_settled(replayed: Replayed, out: Path) -> None:
-    """Raise DataError for an open doubt, which ``judged.jsonl`` then holds."""
+    """Raise DataError for an open doubt, and write the doubt into ``judged.jsonl``."""
     still = replayed.book.doubts()
     if not still:
         return
@@ -287,8 +288,8 @@ def _conditions(
     """Return the least and the largest value of each sensor over the stops used, and the conditions
     without a sensor.
 
-    A value of ``environment`` replaces a sensor's; an ``unmeasured`` condition has the value of the
-    survey file.
+    A value of ``environment`` replaces the value of a sensor; an ``unmeasured`` condition has the
+    value of the survey file.
     """
     stops = [stop for each in replayed.book.passes for stop in each.chosen().values()]
     seen = {

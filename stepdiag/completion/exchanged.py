@@ -1,4 +1,4 @@
-"""Two diagonals that were driven in each other's place (`solver.adjustment.exchanged`): the line of
+"""Two setups that were driven in each other's place (`solver.adjustment.exchanged`): the line of
 the survey file to correct.
 """
 
@@ -8,8 +8,10 @@ from stepdiag.daq.survey.models import Survey
 
 
 def with_line(survey: Survey, found: Finding) -> Finding:
-    """Return the finding of exchanged diagonals with the line to correct and its new value, at the
-    first pass of the first of them, the place for its acceptance; any other finding unchanged."""
+    """Return the finding of exchanged diagonals with the line to correct and its new value. The
+    finding is placed at the first pass of the first diagonal, where a person can accept it. Any
+    other finding is returned unchanged.
+    """
     if found.message is None or found.message.key != "step-mismatch.names":
         return found
     first, second = (str(found.message.arguments[name]) for name in ("first", "second"))

@@ -18,12 +18,12 @@ from stepdiag.solver.planning.information import Zone
 from stepdiag.solver.planning.planner import forecast
 
 LINUXCNC = "linuxcnc"
-"""The control whose kinematics take a lattice."""
+"""The control whose kinematics option takes a lattice."""
 
 
 def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
-    """Return the job's circumstances as far as stated in the survey file, and the profiles of its
-    controls in its ``folder``.
+    """Return the circumstances of a survey as far as the survey file states them, and the profiles
+    of its controls in ``folder``.
     """
     turns = _turns(survey.head)
     controls = [
@@ -62,8 +62,8 @@ def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
 
 
 def _turns(head: Head | None) -> tuple[str, ...]:
-    """Return the angular functions that an available or possible instrument measures: a quadrant
-    detector alone measures none.
+    """Return the angular functions that an existing or possible instrument measures: a head with
+    only a quadrant detector measures no angles.
     """
     if head is not None and head.format == "tqd":
         return ()
@@ -76,7 +76,7 @@ def _turns(head: Head | None) -> tuple[str, ...]:
 
 def _zone(survey: Survey, folder: Path) -> Zone | None:
     """Return the part of the volume where the tables of the first control must fit best; None where
-    its profile states none, or is not yet filled in.
+    the profile does not state this part, or is not filled in.
     """
     if not survey.exports or survey.exports[0].controller not in CONTROLLERS:
         return None
@@ -99,7 +99,7 @@ def hidden_slip(survey: Survey) -> Iterator[Finding]:
     """Yield the size of a slip of the count that may stay unnoticed, if each setup is driven once
     and compared with no other.
 
-    Passes driven out and back, or repeated, show a slip by themselves.
+    Passes that are driven out and back, or repeated, show a slip without other setups.
     """
     plan = survey.plan
     if plan.passes_per_setup > 1 or not any(name in BODY_DIAGONALS for name in plan.setups):

@@ -1,12 +1,12 @@
-"""An equal scale on every axis: either a wrong statement on the laser's air, its wavelength or the
-expansion, or a machine with this scale.
+"""An equal scale on every axis: caused by a wrong statement about air, wavelength or expansion, or
+by a machine with this scale on all axes.
 
-Both lengthen all axes alike, by a known amount. A machine's own scales share a part (a warm screw,
-a scale of glass) and differ in another; three axes that are all 270 µm/m long are rarely a machine.
-Compared are the likelihoods of the scales as found, and less the effect of each statement, with the
-odds against a wrong statement as prior. If a wrong statement and a machine of that length fit
-equally well, the scales cannot separate them: the finding names both, and the reading of the laser
-that decides.
+A wrong statement lengthens all axes equally, by a known amount. The scales of a machine have a
+common part (a warm screw, a scale of glass) and a part per axis; a machine rarely has three axes
+that are all too long by 270 µm/m. The program compares the likelihood of the scales as found with
+their likelihood less the effect of each wrong statement; the odds against a wrong statement are the
+prior. If both explanations fit equally well, the scales cannot separate them: the finding then
+names both explanations, and the reading of the laser that decides.
 """
 
 from collections.abc import Iterator
@@ -24,22 +24,24 @@ from stepdiag.daq.capture.cause.likelihood import CAUSE, Change
 from stepdiag.daq.survey.models import Survey
 
 TOGETHER_UM_M, TOGETHER_AT_20_C_UM_M, EACH_UM_M = 60.0, 25.0, 30.0
-"""Standard deviation of the common scale of a machine's axes, caused by 5 K on steel or left after
-a correction; and of the separate scale of each.
+"""Standard deviations in um/m: of the common scale of a machine's axes (caused by 5 K on steel, or
+left after a correction to 20 C), and of the separate scale of each axis.
 """
 HENE_NM = 632.991
 ALIKE = 3.0
-"""Logarithm of the odds against a statement from which on the machine is so long: one in twenty."""
+"""Logarithm of the odds from which a machine with this common scale is the better explanation: a
+wrong statement is then less likely than one in twenty.
+"""
 TWICE = 5.0
-"""Logarithm of the odds against an expansion taken out twice, less than against other wrong lines:
-displays with a sensor of the material take it out unasked.
+"""Logarithm of the odds against an expansion that is removed twice. It is smaller than for other
+wrong lines, because displays with a material sensor remove the expansion by default.
 """
 
 
 def one_scale(survey: Survey, result: Result) -> list[Finding]:
-    """Return the error that names a statement on air, wavelength or expansion that makes all scales
-    alike, or may; nothing if none does, or a single axis is measured. The error stands at the first
-    linear run, the place for its acceptance.
+    """Return the error that names a statement about air, wavelength or expansion that explains, or
+    may explain, the equal scales. The list is empty if no statement explains them, or if a single
+    axis is measured. The error stands at the first linear run, the place for its acceptance.
     """
     scales = {axis: scale for axis, scale in result.scale.items() if scale.value is not None}
     if len(scales) < 2:
@@ -82,9 +84,10 @@ def one_scale(survey: Survey, result: Result) -> list[Finding]:
 
 @dataclass(frozen=True, slots=True)
 class _Statement:
-    """A statement that may be wrong: by how much it then lengthens all axes in µm/m, the line to
-    change with its new value, and the reading that shows whether it is wrong; ``odds`` is the
-    logarithm of the odds against it."""
+    """A statement of the survey file that may be wrong: the lengthening of all axes in µm/m if it
+    is wrong, the line to change with its new value, and the reading that shows whether it is wrong.
+    ``odds`` is the logarithm of the odds against this error.
+    """
 
     effect_um_m: float
     what: Message

@@ -46,8 +46,8 @@ _STATES: Mapping[Code | None, Message] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProofFiles:
-    """Paths for planning a proof run: the survey file, the folder of its result, that of the
-    export, and its profile.
+    """Paths for the plan of a proof run: the survey file, the folders of the result and of the
+    export, and the profile.
     """
 
     survey: Path
@@ -57,7 +57,9 @@ class ProofFiles:
     controller: str
 
     def beside(self, path: Path) -> str:
-        """Return a path relative to the folder of the survey file, as the survey file names it."""
+        """Return a path relative to the folder of the survey file, in the form for the
+        survey file.
+        """
         return PurePath(os.path.relpath(path, self.survey.parent)).as_posix()
 
 
@@ -106,8 +108,8 @@ def planned(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loaded:
-    """The basis of a proof run, named in its survey file: the survey's result and readings, and the
-    loaded files.
+    """The basis of a proof run, as its survey file names it: the earlier survey's result and
+    readings, and the loaded files.
     """
 
     result: Result
@@ -117,8 +119,8 @@ class Loaded:
     files: tuple[ControlFile, ...]
 
     def tables(self) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
-        """Return the tables that are active now, and the tables active during the survey; for a
-        lattice its curves and products.
+        """Return the tables that are active now, and the tables that were active during the survey;
+        a lattice is represented by its curves and products.
         """
         if len(self.files) == 1 and lattice.recognises(self.files[0]):
             on = self.profile.machine.measured_with == "on"
@@ -135,8 +137,8 @@ class Loaded:
 
 
 def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
-    """Return the basis of the proof run of a survey file, from the ``files`` it names; None for any
-    other survey.
+    """Return the basis of the proof run of a survey file, from the ``files`` that the survey file
+    names; None for any other survey.
 
     Raises DataError or UsageError for a damaged file.
     """
@@ -182,7 +184,9 @@ def proof_of(survey: Survey, files: Mapping[str, bytes], readings: Readings) -> 
 def proof_findings(
     survey: Survey, files: Mapping[str, bytes], readings: Readings
 ) -> Iterator[Finding]:
-    """Yield the verdict on a proof run; no finding for any other survey. Raises as `loaded_in`."""
+    """Yield the finding with the verdict on a proof run; nothing for any other survey. Raises the
+    errors of `loaded_in`.
+    """
     found = proof_of(survey, files, readings)
     if found is not None:
         severity: Mapping[str, Severity] = {
@@ -194,7 +198,7 @@ def proof_findings(
 
 
 def action_words(proof: Proof) -> Message:
-    """Return the verdict of a proof run and the action after it."""
+    """Return the finding with the verdict on a proof run and the action after it."""
     wrong, undecided = (
         [words_of(each) for each in proof.tables if each.state == state]
         for state in ("wrong", "undecided")
@@ -216,7 +220,7 @@ def action_words(proof: Proof) -> Message:
 
 
 def words_of(each: Proved) -> Message:
-    """Return the verdict on the tables of one function."""
+    """Return a message with the verdict on the tables of one function."""
     return message(
         "proof-table",
         name=each.function,
@@ -229,8 +233,8 @@ def words_of(each: Proved) -> Message:
 def sign_records(
     held: Loaded, proof: Proof, runs: bytes, day: date
 ) -> Iterator[SignTestRecord]:
-    """Yield the sense of each kind of table by a proof run, in the form of a profile; nothing if
-    the tables do not stay.
+    """Yield, for each kind of table, the sense that a proof run showed, in the form of a profile;
+    nothing if the tables do not stay loaded.
     """
     if proof.action != "keep":
         return

@@ -1,4 +1,6 @@
-"""A readings file solved with the files beside it: the result names every file by its SHA-256."""
+"""A readings file that is solved together with other files; the result names every file by its
+SHA-256.
+"""
 
 import hashlib
 from collections.abc import Callable
@@ -18,8 +20,8 @@ from stepdiag.solver.model.straightness_file import parse_straightness
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beside:
-    """The files that a readings file may be solved with; ``add`` adds the runs of other programs'
-    files, named in ``runs``.
+    """The files with which a readings file is solved; ``add`` adds the runs from files of other
+    programs, which ``runs`` names.
     """
 
     angles: Path | None = None

@@ -2,8 +2,8 @@
 load, next step.
 
 In: a result, and its exports. Out: a `Conclusion`, shown by page, report, `status` and terminal,
-and stored beside the result as ``conclusion.json``. Nothing here computes an uncertainty: figures
-come from result and prediction. Imported by `report`, `page`, `daemon` and `cli`.
+and stored beside the result as ``conclusion.json``. This package computes no uncertainty: all
+figures come from result and prediction. `report`, `page`, `daemon` and `cli` import it.
 """
 
 from stepdiag.conclusion.concluding import (

@@ -33,7 +33,7 @@ AIR = {
     "air_pressure_hpa": ("p", "hPa"),
     "relative_humidity_percent": ("RH", "%"),
 }
-"""Conditions of the air in letters and units that all languages share."""
+"""Conditions of the air, each with a letter and a unit that are the same in all languages."""
 KNOBS = {
     BETWEEN_TARGETS: "between",
     **dict.fromkeys((READINGS, "bends"), "readings"),
@@ -45,18 +45,17 @@ KNOBS = {
     **dict.fromkeys(("setup scale", "scale of one setup", "growth"), "setups"),
     **dict.fromkeys(("material temperature", "air"), "lengths"),
 }
-"""Sources of the budget, grouped by the measure that makes them smaller; the sizes of sources
-belong to each.
-"""
+"""Sources of the uncertainty budget, each with the measure that makes its share smaller."""
 LEAST_SHARE = 0.1
-"""Errors below a tenth of the largest one are not reported as errors of the machine."""
+"""Share of the largest error below which an error is not named in the conclusion."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Export:
-    """The outcome of an export: ``refused`` gives the reason for missing files, ``untested`` names
-    the tables with an untested sign, ``harmed`` the stretches in which the files would increase the
-    machine's error; ``unproven`` files are a promise only after a proof run.
+    """The outcome of an export. ``refused`` is the reason for missing files, ``untested`` names the
+    kinds of tables with an untested sign. ``harmed`` describes the stretches in which the files
+    would increase the machine's error. ``unproven`` files need a proof run before their predicted
+    effect is certain.
     """
 
     controller: str
@@ -69,17 +68,19 @@ class Export:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conclusion:
-    """``wrong`` is stored with its contribution, the largest first; the others are sentences in the
-    order of reading.
+    """The conclusion of a result. ``wrong`` holds the errors of the machine with their
+    contributions, the largest first; the other fields hold sentences in the order of reading.
     """
 
     wrong: tuple[tuple[Contribution, Sentence], ...]
     unknown: tuple[Sentence, ...]
     reach: Reach | None
-    """None where an axis did not travel: then nothing is stated about a volume."""
+    """The predicted volumetric error; None where an axis did not travel, so that no volume was
+    measured.
+    """
     reached: tuple[Sentence, ...]
     verdict: tuple[Sentence, ...]
-    """By ISO 14253-1, as found and as predicted; none without a tolerance."""
+    """The verdict by ISO 14253-1, as found and as predicted; empty without a tolerance."""
     basis: tuple[Sentence, ...]
     load: tuple[Sentence, ...]
     next_step: Sentence
@@ -88,7 +89,7 @@ class Conclusion:
 
 
 def export_of(written: ExportReport) -> Export:
-    """Return the tables and verdicts of an export that the conclusion needs."""
+    """Return the facts of an export that the conclusion needs."""
     kinds = tuple(dict.fromkeys(table.kind for table in written.tables))
     untested = (
         kinds if any(Path(name).stem.endswith(UNTESTED) for name in written.files) else ()
@@ -111,8 +112,8 @@ def harmed_in(findings: Iterable[Finding]) -> tuple[Words, ...]:
 
 
 def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
-    """Return the conclusion. The effect of compensation is the first export's prediction, else the
-    result's own.
+    """Return the conclusion of a result. The effect of compensation comes from the prediction of
+    the first export, without an export from the result.
     """
     counts = {
         severity: sum(one.severity == severity for one in result.findings)
@@ -141,8 +142,8 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
 
 
 def _of_proof(found: Finding, counts: dict[str, int]) -> Conclusion:
-    """Return the conclusion of a proof run: its verdict. A diagonal and a line give no statement
-    about the machine's errors.
+    """Return the conclusion of a proof run, which contains only its verdict: a diagonal and a line
+    give no statement about the machine's errors.
     """
     return Conclusion(
         wrong=(),
@@ -165,7 +166,7 @@ def _wrong(contributions: Sequence[Contribution]) -> list[Contribution]:
 
 
 def _wrong_sentence(one: Contribution) -> Sentence:
-    """Return a contribution in words."""
+    """Return the sentence about a contribution of an error to the volumetric error."""
     numbers = {
         "um": _um(one.effect_um),
         "length": f"{one.length_mm:.0f}",
@@ -191,8 +192,8 @@ def _wrong_sentence(one: Contribution) -> Sentence:
 
 
 def _magnitude(one: Contribution) -> str:
-    """Return the magnitude of a quantity; of a squareness or a scale with the digits of its U, as
-    in its table.
+    """Return the magnitude of a quantity as a text; a squareness or a scale has the digits of its
+    U, as in the table of the result.
     """
     if one.kind not in ("squareness", "scale") or not one.u_um:
         return _um(abs(one.value))
@@ -200,8 +201,8 @@ def _magnitude(one: Contribution) -> str:
 
 
 def _towards(one: Contribution) -> str:
-    """Return the direction in which the tool moves when the leaning axis moves in +: dX = -C0Y y,
-    dX = +B0Z z, dY = -A0Z z (contract 1).
+    """Return the direction in which the tool moves when an axis that is out of square moves in +:
+    dX = -C0Y y, dX = +B0Z z, dY = -A0Z z (contract 1).
     """
     grows = one.value > 0 if one.name == "B0Z" else one.value < 0
     return f"{'+' if grows else '−'}{LEANS[one.name][1]}"
@@ -246,11 +247,11 @@ def _unknown(result: Result) -> Iterator[Sentence]:
 
 
 def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
-    """Yield the size of a slip of the count that may stay unnoticed: the worst, and the passes
-    where its effect exceeds the noise.
+    """Yield sentences about slips of the count that may stay unnoticed: the most harmful slip, and
+    the passes where a slip has a larger effect than the noise.
 
-    The stated uncertainty has the noise of the readings and not the slip. The worst is always
-    reported: the noisier the readings, the larger it is.
+    The stated uncertainty contains the noise of the readings, but no slip. The most harmful slip is
+    always reported: the noisier the readings, the larger an unnoticed slip can be.
     """
     blind = next((one for one in slips if one.half_um is None), None)
     if blind is not None:
@@ -279,7 +280,7 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
 
 
 def _of_setups(passes: Iterable[str]) -> Words:
-    """Return passes, each written ``ppp/1``, by setup."""
+    """Return the numbers of passes by setup; each pass is written ``ppp/1``."""
     numbers: dict[str, list[int]] = {}
     for setup, _, number in (one.partition("/") for one in passes):
         numbers.setdefault(setup, []).append(int(number))
@@ -297,8 +298,8 @@ def _standing(result: Result) -> list[str]:
 
 
 def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[Sentence]:
-    """Yield the volumetric error as found and, as an interval, after compensation, or its forecast
-    if every export was refused.
+    """Yield the volumetric error as found and, as an interval, after compensation; if every export
+    was refused, its forecast.
     """
     if reach is None:
         yield Sentence(
@@ -319,8 +320,8 @@ def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[
 
 
 def _largest_share(result: Result) -> Iterator[Sentence]:
-    """Yield the largest share of the volume's U (of its square), and the measure that makes it
-    smaller.
+    """Yield the source with the largest share of the volume's U (of its square), and the measure
+    that makes this share smaller.
     """
     shares = {} if result.budget is None else result.budget.shares.get(VOLUME, {})
     square = {
@@ -339,8 +340,8 @@ def _largest_share(result: Result) -> Iterator[Sentence]:
 
 
 def _harmed(exports: Sequence[Export]) -> Iterator[Sentence]:
-    """Yield the places where the files of an export make the machine worse, although they help on
-    the whole.
+    """Yield the places where the files of an export make the machine worse, although the files
+    improve the volume as a whole.
     """
     for one in exports:
         yield from (
@@ -354,8 +355,9 @@ def _all_refused(exports: Sequence[Export]) -> bool:
 
 
 def _basis(found: Basis) -> Iterator[Sentence]:
-    """Yield the temperature of the lengths, the assumed sizes behind U, and the point of the
-    errors; no sentence for a fact that is not stated.
+    """Yield sentences about the temperature of the lengths, the assumed sizes behind U, and the
+    point of the tool for which the errors are valid; no sentence for a fact that the result does
+    not state.
     """
     if found.tables is not None and found.material_c is None:
         yield Sentence(key=f"basis_{found.tables}_alone")
@@ -385,7 +387,7 @@ def _basis(found: Basis) -> Iterator[Sentence]:
 def taken_for_granted(assumed: Mapping[str, float]) -> Sentence | None:
     """Return the assumed sizes behind U, as shown with every U; None where a size is missing.
 
-    Results of older versions assumed no growth and do not name it.
+    Results of older versions assumed no growth and do not state it.
     """
     sizes = {"growth_um_m": 0.0, **assumed}
     if not sizes.keys() >= set(ASSUMED):
@@ -407,8 +409,9 @@ def _figure(when: str, rms: Interval, largest: Interval) -> Sentence:
 
 
 def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
-    """Yield the parts of an export that may be loaded now, one sentence a control: nothing before
-    its sign test."""
+    """Yield the parts of an export that may be loaded now, one sentence per control; no part may be
+    loaded before its sign test.
+    """
     if not exports:
         yield Sentence(key="load_none")
     for one in exports:
@@ -432,7 +435,7 @@ def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
 
 
 def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]) -> Sentence:
-    """Return the next action, the one without which the others have no value."""
+    """Return the next action: the one without which no other action has a value."""
     if counts["error"]:
         return Sentence(key="next_error")
     usable = [each for each in exports if not each.refused]
@@ -453,11 +456,12 @@ def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]
 
 
 def _missing(result: Result, *, refused: bool) -> list[str] | None:
-    """Return the runs without which no table can be made; empty if only repeated runs help; None if
-    no run is missing.
+    """Return the missing runs without which no table can be made; empty if only a repetition of
+    runs helps; None if no run is missing.
 
     Scales alone refuse no export, so a ``refused`` export has another reason. The diagonals give
-    the sum of the scales: runs along all axes but the longest unknown axis give the rest.
+    the sum of the three scales, so runs are needed along all axes with an unknown scale but the
+    longest.
     """
     if not result.volume.solid:
         return None

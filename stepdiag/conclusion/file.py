@@ -1,5 +1,5 @@
-"""The conclusion as the file beside the result: words in every language with their figures, same
-bytes for the same conclusion.
+"""The conclusion as a file beside the result: sentences with figures in every language, and the
+same bytes for the same conclusion.
 """
 
 import json
@@ -16,14 +16,15 @@ from stepdiag.texts import LANGUAGES, Language, catalogue
 
 FORMAT, FORMAT_VERSION = "stepdiag-conclusion", 1
 SECTIONS = ("reached", "verdict", "wrong", "unknown", "load", "next_step", "basis")
-"""The parts of a conclusion in the order of reading."""
+"""The sections of a conclusion in the order of reading."""
 
 
 def conclusion_document(
     conclusion: Conclusion, field: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Return a conclusion as plain data: sentences in every language, the reach in um (k = 2), the
-    ``field`` to be drawn."""
+    """Return a conclusion as plain data: sentences in every language, the predicted volumetric
+    error in um (k = 2), and the error ``field`` for the picture.
+    """
     return {
         "format": FORMAT,
         "version": FORMAT_VERSION,
@@ -47,7 +48,7 @@ def conclusion_document(
 
 
 def conclusion_json(conclusion: Conclusion, field: Mapping[str, Any] | None = None) -> str:
-    """Return the JSON of a conclusion."""
+    """Return the JSON text of a conclusion."""
     return (
         json.dumps(
             conclusion_document(conclusion, field), ensure_ascii=False, allow_nan=False
@@ -57,14 +58,14 @@ def conclusion_json(conclusion: Conclusion, field: Mapping[str, Any] | None = No
 
 
 def titles_of(language: Language) -> dict[str, str]:
-    """Return section -> heading."""
+    """Return the heading of each section of a conclusion."""
     words = catalogue(SECTION, language)
     return {section: words[section] for section in SECTIONS}
 
 
 def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[str]]:
-    """Return section -> sentences of a conclusion's JSON."""
-    # files of older programs hold no basis, those of surveys without a tolerance no verdict
+    """Return the sentences of each section in a conclusion's JSON."""
+    # files of older programs have no section for the basis, surveys without a tolerance no verdict
     return {
         section: [sentence[language] for sentence in document.get(section, [])]
         for section in SECTIONS
@@ -72,8 +73,8 @@ def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[
 
 
 def conclusion_in(folder: Path) -> dict[str, Any] | None:
-    """Return the JSON of the conclusion in a survey's folder; None without one that this program
-    can read.
+    """Return the JSON of the conclusion in a survey's folder; None if there is no conclusion, or
+    one of another version.
     """
     try:
         document = json.loads((folder / CONCLUSION).read_text(encoding="utf-8"))

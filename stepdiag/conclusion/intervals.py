@@ -1,4 +1,4 @@
-"""Prediction of the volume before and after compensation."""
+"""The volumetric error predicted before and after compensation, for the conclusion."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class Reach:
 
 
 def reach_of(predicted: Predicted) -> Reach:
-    """Return the reach of a prediction."""
+    """Return the volumetric error in a prediction as a `Reach`."""
     before, after = (
         predicted.without_rigid_motion["before"],
         predicted.without_rigid_motion["after"],
@@ -35,8 +35,8 @@ def reach_of(predicted: Predicted) -> Reach:
 
 
 def reach_in(result: Result) -> Reach:
-    """Return the prediction of the result itself; a result of version 1 states only the machine as
-    found, without its uncertainty.
+    """Return the predicted volumetric error that a result states. For a result of version 1, return
+    only the error of the machine as found, without its uncertainty.
     """
     return _as_found(result) if result.predicted is None else reach_of(result.predicted)
 

@@ -1,5 +1,5 @@
-"""A sentence as its key in the catalogue and its values, so that it can be shown in every
-language.
+"""A sentence of the conclusion: its key in the catalogue and its values, so that the sentence can
+be shown in every language.
 """
 
 from collections.abc import Mapping
@@ -13,15 +13,18 @@ SECTION = "conclusion"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sentence:
-    """``arguments`` are texts, messages or sentences; a number in a text has a decimal point, and a
-    comma where the language has one."""
+    """``arguments`` are texts, messages or sentences; a number in a text has a decimal point, which
+    is replaced by a comma in a language with decimal commas.
+    """
 
     key: str
     arguments: "Mapping[str, Words | Sentence]" = field(default_factory=dict)
 
 
 def render(sentence: Sentence, language: Language) -> str:
-    """Return the sentence in words. Raises KeyError for a key that the catalogue lacks."""
+    """Return the sentence in words of a language. Raises KeyError for a key that the catalogue
+    lacks.
+    """
     words = catalogue(SECTION, language)
     return words[sentence.key].format(
         **{name: _argument(value, language) for name, value in sentence.arguments.items()}

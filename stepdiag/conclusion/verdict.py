@@ -15,18 +15,20 @@ from stepdiag.texts.texts import UNITS, Language
 
 STATES = ("as_found", "predicted")
 SURE = 0.99
-"""Limit of a shown probability: it is a share of a few hundred draws."""
+"""Largest probability that is shown: a probability is a share of a few hundred draws."""
 
 
 ROUNDING = 1e-4
-"""um and urad: the ends of an even interval in a file differ by no more than its last digits."""
+"""Tolerance in um and urad: the two halves of a symmetric interval in a file differ by no more than
+its last digits.
+"""
 
 
 def judged_in(result: Result, exported: Reach | None = None) -> Conformity | None:
     """Return the conformity of a result, None without a tolerance.
 
-    With the files of an export the prediction covers their volume, but no single functions: a file
-    may leave a function out.
+    For the files of an export, only the volumetric figures are predicted. Single functions are not
+    predicted, because a file may leave a function out.
     """
     if (
         result.conformity is None
@@ -40,13 +42,14 @@ def judged_in(result: Result, exported: Reach | None = None) -> Conformity | Non
         result.predicted is not None
         and after == result.predicted.without_rigid_motion["after"]
     ):
-        return result.conformity  # no files: the ideal compensation
+        return result.conformity  # without files: the ideal compensation
     return replace(result.conformity, predicted=judged_volume(result.tolerance or {}, after))
 
 
 def verdict_sentences(found: Conformity | None) -> Iterator[Sentence]:
-    """Yield the verdict about the machine and about every figure, as found and predicted; none
-    without a tolerance."""
+    """Yield the verdict about the machine and the verdict about every figure, as found and as
+    predicted; none without a tolerance.
+    """
     for state in STATES if found is not None else ():
         judged: tuple[Judged, ...] = getattr(found, state)
         if judged:
@@ -75,8 +78,8 @@ def _sentence(one: Judged) -> Sentence:
 
 
 def even_of(one: Judged) -> str:
-    """Return a figure with an even interval as value and U, as in its table; empty for a skewed or
-    unknown interval.
+    """Return a figure with a symmetric interval as value and U, as in the table of the result;
+    empty for a skewed or unknown interval.
     """
     if (
         one.value is None
@@ -89,7 +92,9 @@ def even_of(one: Judged) -> str:
 
 
 def interval_of(one: Judged) -> tuple[str, str]:
-    """Return the ends of the coverage interval in the common notation; empty where unknown."""
+    """Return the ends of a figure's coverage interval in the common notation; empty where
+    unknown.
+    """
     if one.low is None or one.high is None:
         return "", ""
     low, high = Interval(value_um=one.value or 0.0, low_um=one.low, high_um=one.high).shown()
@@ -111,17 +116,17 @@ def _quantity(one: Judged) -> Sentence:
 
 
 def quantity_words(one: Judged, language: Language) -> str:
-    """Return the name of a figure for a person."""
+    """Return the name of a figure as a person reads it."""
     return render(_quantity(one), language)
 
 
 def verdict_words(one: Judged, language: Language) -> str:
-    """Return the verdict about one figure for a person."""
+    """Return the verdict about one figure as a person reads it."""
     return render(Sentence(key=f"verdict_{one.verdict}"), language)
 
 
 def probability_words(p: float) -> str:
-    """Return a probability in percent, within the limit given by the number of draws."""
+    """Return a probability in percent, limited to the resolution that the number of draws gives."""
     if p > SURE:
         return "> 99"
     return "< 1" if p < 1.0 - SURE else f"{100.0 * p:.0f}"

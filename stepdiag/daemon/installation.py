@@ -1,8 +1,8 @@
 """The service of a survey as files of systemd: unit, rules, token, and a drop-in with no more
 rights than this survey needs.
 
-The survey file determines all files, so a new installation changes no correct file, and the removal
-finds the installed files.
+The survey file determines the contents of all these files. So a repeated installation leaves
+correct files unchanged, and the removal finds the installed files.
 """
 
 import ipaddress
@@ -38,12 +38,14 @@ SHARED = {
     "90-stepdiag.rules": Path("etc/udev/rules.d/90-stepdiag.rules"),
     "stepdiag.modules.conf": Path("etc/modules-load.d/stepdiag.conf"),
 }
-"""The common files of all surveys of a computer, by their names in the package and their places."""
+"""The files that all surveys of a computer have in common: their names in the package, and their
+places.
+"""
 DROP_IN = "50-survey.conf"
 PRIVATE_NETWORKS = ("link-local", "10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "fc00::/7")
-"""Networks from which a page that is open beyond this computer can be reached."""
+"""The private networks, from which a page that is open beyond this computer can be reached."""
 TOKEN_BYTES = 18
-"""Random bytes of a token: 144 bits cannot be guessed."""
+"""Number of random bytes of a token: 144 bits cannot be guessed."""
 WRITTEN = (
     "# Written by `stepdiag service install`; lines of your own go into another drop-in.\n"
 )
@@ -51,7 +53,9 @@ WRITTEN = (
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A file and its actual or possible change. A secret's text is never shown."""
+    """A file of the installation, and its actual or possible change. The text of a secret is never
+    shown.
+    """
 
     path: Path
     does: Literal["write", "keep", "remove", "make secret"]
@@ -81,8 +85,8 @@ def plan_install(survey_file: Path, root: Path) -> list[Step]:
 
 
 def plan_removal(survey_file: Path, root: Path) -> list[Step]:
-    """Return the files to remove: the drop-in, and the common files after the last survey. Survey,
-    token and data stay.
+    """Return the files to remove: the drop-in of a survey, and after the last survey the common
+    files. Survey file, token and data stay.
     """
     name = name_of(survey_file, root)
     own = [root / _of(unit, name) for unit in (UNIT, PAGE, PAGE_SOCKET)]
@@ -96,7 +100,7 @@ def plan_removal(survey_file: Path, root: Path) -> list[Step]:
 
 
 def carry_out(steps: list[Step]) -> None:
-    """Do it. Raises UsageError where a place cannot be written."""
+    """Execute the steps of an installation. Raises UsageError where a file cannot be written."""
     for step in steps:
         try:
             _do(step)
@@ -109,8 +113,8 @@ def carry_out(steps: list[Step]) -> None:
 
 
 def drop_ins(name: str, survey: Survey, folder: Path) -> dict[Path, str]:
-    """Return the drop-ins of a survey by their places: the recorder's devices; the page's
-    addresses, and its credentials in ``folder``.
+    """Return the drop-ins of a survey by their places. The recorder's drop-in contains the devices;
+    the page's drop-in contains the addresses, and the credentials in ``folder``.
 
     Raises UsageError.
     """
@@ -146,7 +150,9 @@ def _do(step: Step) -> None:
 
 
 def written(path: Path, text: str) -> Step:
-    """Return the step that gives a file its text; ``keep`` where the file already has it."""
+    """Return the step that writes a text into a file; its action is ``keep`` where the file already
+    has this text.
+    """
     try:
         same = path.read_text(encoding="utf-8") == text
     except (OSError, UnicodeDecodeError):
@@ -155,8 +161,9 @@ def written(path: Path, text: str) -> Step:
 
 
 def name_of(survey_file: Path, root: Path) -> str:
-    """Return the name of the instance. Raises UsageError for a file that the unit would not
-    find."""
+    """Return the name of the instance of a survey file. Raises UsageError for a file that the
+    systemd unit would not find.
+    """
     expected = root / SURVEYS
     name = survey_file.stem
     plain = name.isascii() and all(letter.isalnum() or letter in "._-" for letter in name)
@@ -175,15 +182,15 @@ def name_of(survey_file: Path, root: Path) -> str:
 
 
 def _of(unit: str, name: str) -> Path:
-    """Return the place of the drop-in of an instance."""
+    """Return the place of an instance's drop-in."""
     return UNITS / f"{unit.replace('@', f'@{name}')}.d" / DROP_IN
 
 
 def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
-    """Yield the changes of a file common to all surveys.
+    """Yield the steps for a file that all surveys have in common.
 
-    A package brings its own file and renews it with each upgrade: a copy in /etc by an older
-    version would hide this file permanently.
+    A package brings its own file and renews it with each upgrade: a copy in /etc, written by an
+    older version, would hide the file of the package permanently.
     """
     packaged = root / "usr/lib" / place.relative_to("etc")
     if packaged.is_file() and sys.prefix == PACKAGED:
@@ -193,7 +200,7 @@ def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
 
 
 def shared(source: str, root: Path) -> str:
-    """Return a file for systemd as shipped with this program, the unit with the places of this
+    """Return the text of a systemd file of this program; a unit contains the places of this
     installation. Raises UsageError.
     """
     for folder in (
@@ -216,8 +223,8 @@ def shared(source: str, root: Path) -> str:
 
 
 def _network(survey: Survey) -> Iterator[str]:
-    """Allow only the devices, or private networks where a device has a name instead of an
-    address.
+    """Yield the lines of a drop-in that allow only the devices of the survey, or private networks
+    where a device has a name instead of an address.
     """
     allowed = [
         each
@@ -244,8 +251,8 @@ def _devices(survey: Survey) -> Iterator[str]:
 
 
 def _addresses(survey: Survey) -> Iterator[str]:
-    """Yield the addresses of page and metrics, and the networks that may reach them: private
-    networks for an address beyond this computer.
+    """Yield the addresses of page and metrics, and the networks that may reach them. For an address
+    that is open beyond this computer, these are the private networks.
     """
     served = [each for each in (survey.page, survey.metrics) if each.enabled]
     yield "ListenStream="
@@ -281,7 +288,9 @@ def _credentials(survey: Survey, folder: Path) -> Iterator[str]:
 
 
 def address_of(host: str) -> list[str]:
-    """Return the address of a host, without the name of an interface; empty for a host name."""
+    """Return the address of a host without the name of a network interface; empty for a host
+    name.
+    """
     try:
         return [str(ipaddress.ip_address(host.partition("%")[0]))]
     except ValueError:

@@ -1,5 +1,5 @@
-"""The program's own log: one line per change of state, on standard error; JSON without a
-terminal.
+"""The daemon's own log (journal): one line per change of state, on standard error; JSON if standard
+error is no terminal.
 """
 
 import logging
@@ -10,8 +10,9 @@ import structlog
 
 
 def configure(*, verbose: bool = False) -> None:
-    """Set up structlog: readable at a terminal, one JSON object a line elsewhere (systemd, a
-    file)."""
+    """Set up structlog: readable lines at a terminal, otherwise (systemd, a file) one JSON object
+    per line.
+    """
     level = logging.DEBUG if verbose else logging.INFO
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,

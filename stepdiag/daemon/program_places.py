@@ -1,8 +1,8 @@
-"""Places of this program on the disk, and the unit that can access only these places.
+"""The folders of this program on the disk, and the systemd unit that can access only these folders.
 
-A Python installed by pyenv or uv is in a user's home, which the unit otherwise cannot access; a
-virtual environment reaches it through links, and each folder on the path must exist inside the unit
-too.
+A Python installed by pyenv or uv is in a user's home, which the unit otherwise cannot access. A
+virtual environment refers to this Python by links, and the folder of every link must exist inside
+the unit too.
 """
 
 import os
@@ -16,19 +16,19 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 
 PACKAGED = "/opt/stepdiag"
-"""Place of the program in the packaged unit."""
+"""Folder of the program in the packaged unit."""
 SYSTEM = Path("/usr")
-"""Places that the unit can always access."""
+"""Folder of the operating system, which the unit can always access."""
 HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
-"""Places hidden by ProtectHome=yes (systemd.exec(5)), even if bound there."""
+"""Folders that ProtectHome=yes hides (systemd.exec(5)), even if they are bound into the unit."""
 OTHERS_READ = 0o005
 LINKS = 40
-"""Largest number of links in a row, more than a kernel follows."""
+"""Largest number of links that are followed one after another, more than a kernel follows."""
 
 
 def places_of_program() -> list[Path]:
-    """Return the folders that hold the environment, its Python and the package: only the outermost,
-    without the system's folders.
+    """Return the folders that hold the environment, its Python and the package: without folders
+    inside another one, and without the folders of the operating system.
     """
     found = [
         Path(sys.prefix),
@@ -43,8 +43,8 @@ def places_of_program() -> list[Path]:
 
 
 def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> str:
-    """Return the packaged unit for a program at these places. Raises UsageError for a program that
-    the service's account could not run.
+    """Return the packaged unit, changed for a program in these folders. Raises UsageError for a
+    program that the account of the service could not run.
     """
     for place in places:
         _assert_plain(place)
@@ -56,23 +56,23 @@ def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> s
         f"{PACKAGED}/bin", f"{sys.prefix}/bin"
     )
     if any(set(place.parents) & set(HOMES) for place in places):
-        # empty except for the bound sockets: `yes` would hide these folders too
+        # the homes are then empty except for the bound paths: `yes` would hide these paths too
         unit = unit.replace("ProtectHome=yes", "ProtectHome=tmpfs")
     return unit
 
 
 def _is_own(place: Path) -> bool:
-    """Return whether a place is neither the system's nor the whole disk: /bin/python3 leads to
-    /usr/bin, and its folder is in /.
+    """Return whether a folder is neither one of the operating system nor the root of the disk, to
+    which the link /bin/python3 would lead.
     """
     return SYSTEM not in (place, *place.parents) and place != place.parent
 
 
 def _homes_of(executable: Path) -> Iterator[Path]:
-    """Yield the folder of every link between an environment's Python and the running Python, and
-    the installation of the latter.
+    """Yield the folder of every link from an environment's Python to the real Python, and the
+    installation folder of the real Python.
 
-    Of the path only the link's own folder is needed: ~/.local/bin, the place of uv's links, and not
+    Only the folder that contains the link is needed: ~/.local/bin, where uv puts its links, and not
     the data of programs in ~/.local/share.
     """
     for _ in range(LINKS):
@@ -96,7 +96,9 @@ def _assert_plain(place: Path) -> None:
 
 
 def _assert_no_home(place: Path) -> None:
-    """A link to a Python directly in a home would open this whole home to the service."""
+    """Refuse a folder directly in a home: a link to a Python there would open the whole home to the
+    service.
+    """
     if (
         place == Path("/root")
         or place.parent == Path("/home")
@@ -112,10 +114,11 @@ def _assert_no_home(place: Path) -> None:
 
 
 def _assert_read_by_all(place: Path) -> None:
-    """The service runs under a separate account. It enters a bound place directly, so the rights of
-    the folders above do not matter.
+    """Refuse a folder that not every account may read: the service runs under a separate account.
+    The rights of the folders above have no effect, because the service enters the bound folder
+    directly.
     """
-    place = place.resolve()  # not every chmod follows a link
+    place = place.resolve()  # not every chmod command follows a link
     closed = next(
         (
             each

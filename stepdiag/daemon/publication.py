@@ -1,5 +1,5 @@
-"""The publication of a survey as a service of systemd: its unit, and a drop-in that allows only its
-receivers.
+"""The publication of a survey as a service of systemd: the unit, and a drop-in that allows only the
+receivers of the publication.
 """
 
 import os
@@ -28,13 +28,13 @@ from stepdiag.page.settings import is_loopback
 
 UNIT = "stepdiag-publish@.service"
 _PLAIN = re.compile(r"[A-Za-z0-9._:/@\[\]-]+")
-"""Characters of a word in a unit without a special meaning."""
+"""Pattern of a word without characters that have a special meaning in a unit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Publication:
-    """Publication to a broker, or as a server of OPC UA; ``port`` is the default port. Files are
-    absolute, below /etc.
+    """A publication: to a broker, or as a server of OPC UA. ``port`` is the default port. The paths
+    of files are absolute, below /etc.
     """
 
     broker: str = ""
@@ -46,12 +46,14 @@ class Publication:
 
     @property
     def secrets(self) -> tuple[str, ...]:
-        """Return the names of its credentials."""
+        """Return the names of the credentials that the publication needs."""
         return (*self.who, *(() if self.broker or self.plain else ("opcua-key",)))
 
     @property
     def who(self) -> tuple[str, str]:
-        """Return the names of user and password, which go together."""
+        """Return the names of the credentials with user and password; both are given, or
+        neither.
+        """
         return (
             ("mqtt-user", "mqtt-password")
             if self.broker
@@ -70,8 +72,8 @@ def plan_publication(survey_file: Path, root: Path, publication: Publication) ->
 
 
 def plan_end(survey_file: Path, root: Path) -> list[Step]:
-    """Return the files to remove: the drop-in, and the unit after the last published survey.
-    Secrets stay.
+    """Return the files to remove: the drop-in of a survey, and after the last published survey the
+    unit. Secrets stay.
     """
     own = root / _drop_in(name_of(survey_file, root))
     others = [
@@ -87,8 +89,8 @@ def plan_end(survey_file: Path, root: Path) -> list[Step]:
 
 
 def drop_in(name: str, folder: Path, publication: Publication) -> str:
-    """Return the drop-in; secrets in ``folder`` with names like NAME.mqtt-user become credentials.
-    Raises UsageError.
+    """Return the drop-in of a publication; secrets in ``folder`` with names like NAME.mqtt-user
+    become credentials. Raises UsageError.
     """
     host, port = _address(publication)
     lines = [f"Environment=PUBLISH={_words(publication)}", "IPAddressAllow="]
@@ -106,8 +108,8 @@ def drop_in(name: str, folder: Path, publication: Publication) -> str:
 
 
 def credentials(name: str, folder: Path, publication: Publication) -> dict[str, bool]:
-    """Return whether ``folder`` holds each secret. Raises UsageError for a user without a password
-    or a password without a user.
+    """Return, for each secret, whether ``folder`` holds it. Raises UsageError for a user without a
+    password or a password without a user.
     """
     there = {each: (folder / f"{name}.{each}").is_file() for each in publication.secrets}
     user, password = publication.who
@@ -122,7 +124,7 @@ def credentials(name: str, folder: Path, publication: Publication) -> dict[str, 
 
 
 def _words(publication: Publication) -> str:
-    """Return the options in the form of the unit, between quotes."""
+    """Return the options of the command line in the form for the unit, between quotes."""
     files = {"ca": publication.ca, "certificate": publication.certificate}
     places = {
         option: Path(os.path.normpath(path))
@@ -159,8 +161,8 @@ def _address(publication: Publication) -> tuple[str, int]:
 
 
 def _reached(host: str, publication: Publication) -> Iterator[str]:
-    """Yield the permitted hosts: only the broker, or private networks for a broker with a name; for
-    a server, its permitted clients.
+    """Yield the permitted hosts. For a broker, this is its address, or the private networks if it
+    has a name; for a server, these are its permitted clients.
     """
     if not is_loopback(host):
         yield from (

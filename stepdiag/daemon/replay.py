@@ -15,17 +15,19 @@ from stepdiag.daq.replay import find_logs
 from stepdiag.report.completed import write_completed_report
 
 _FOLLOWS = re.compile(rb"\b[0-9a-f]{64}\b|base64,[A-Za-z0-9+/=]+")
-"""Hashes of other files, and tables inside a report: they follow from numbers elsewhere."""
+"""Pattern of the hashes of other files, and of tables inside a report: they follow from numbers
+that are compared elsewhere.
+"""
 _NUMBER = re.compile(rb"-?\d+(?:\.(\d+))?")
 
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """The files written by a replay into ``out``, against the live run's folder.
+    """The files that a replay wrote into ``out``, compared with the files in the live run's folder.
 
-    ``rounded`` are files that differ only as on another processor: the result by less than a tenth
-    of a nanometre, the files that follow from it in last digits and hashes. ``missing`` are files
-    that the live run lacks.
+    ``rounded`` are files with differences that another processor can cause: the result by less than
+    a tenth of a nanometre, the files made from the result in last digits and hashes. ``missing``
+    are files that the live run's folder lacks.
     """
 
     out: Path
@@ -36,7 +38,7 @@ class Compared:
     missing: tuple[str, ...]
 
     def as_json(self) -> dict[str, object]:
-        """Return the comparison for programs."""
+        """Return the comparison as JSON types, for programs."""
         return {
             "out": str(self.out),
             "live": str(self.live),
@@ -47,7 +49,7 @@ class Compared:
         }
 
     def in_words(self) -> Iterator[Message]:
-        """Yield the comparison for a person."""
+        """Yield the sentences of the comparison, for a person."""
         yield message("replayed-into", folder=str(self.out))
         if self.identical:
             yield message("replay-identical", names=self.identical)
@@ -84,9 +86,7 @@ def replay_and_compare(
         "different": [],
         "missing": [],
     }
-    for (
-        name
-    ) in names:  # the result is first, because the hashes of other files follow from it
+    for name in names:  # the result comes first: the hashes of the other files follow from it
         verdict = _verdict(
             live / name, (target / name).read_bytes(), rounded=bool(verdicts["rounded"])
         )
@@ -97,8 +97,8 @@ def replay_and_compare(
 
 
 def _verdict(other: Path, again: bytes, *, rounded: bool) -> str:
-    """Return the state of a file relative to the live run's; ``rounded``: an earlier file was equal
-    except for a last digit.
+    """Return the state of a replayed file in comparison with the live run's file. With ``rounded``,
+    an earlier file differed in a last digit, so that hashes may differ.
     """
     if not other.is_file():
         return "missing"

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from stepdiag.daq.survey.models import Survey
 
 SOCKET = "STEPDIAG_PAGE_SOCKET"
-"""Set in the unit: the socket of the file system by which the page's unit connects."""
+"""Environment variable, set in the unit: the path of the socket by which the page's unit
+connects.
+"""
 PAGE_ACCOUNT = "stepdiag-page"
 MOST_KINDS = 100
 GIVE_WAY_S = 0.0005
@@ -34,10 +36,11 @@ GIVE_WAY_S = 0.0005
 
 
 def record(survey_file: Path, *, verbose: bool = False) -> None:
-    """Record surveys, solve and export each after its last pass, until the end of the process.
-    Raises the errors of `serve`.
+    """Record surveys until the end of the process; solve and export each survey after its last
+    pass. Raises the errors of `serve`.
     """
-    # otherwise a tenth of the start would be used to look for garbage in the imported modules
+    # otherwise a tenth of the start time would be spent in a garbage collection of the imported
+    # modules
     gc.disable()
     sys.setswitchinterval(GIVE_WAY_S)
     import asyncio
@@ -45,7 +48,7 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
     from stepdiag.daemon.journal import configure
 
     configure(verbose=verbose)
-    again = (sys.executable, "-P", "-m", "stepdiag")  # not from the working directory
+    again = (sys.executable, "-P", "-m", "stepdiag")  # no import from the working directory
     ahead = (*again, "next", str(survey_file), "--note")
     asyncio.run(
         serve(
@@ -76,7 +79,7 @@ async def serve(
 
     asyncio.get_running_loop().set_exception_handler(_seldom())
     daemon = Daemon(survey_file, completion, archiving, ahead, _programs)
-    daemon.take_folder()  # a refusal for this reason must not lead to another port
+    daemon.take_folder()  # a port that is in use must not lead to another port
     _say_what_hides(daemon.survey)
     page, metrics = daemon.survey.page, daemon.survey.metrics
     async with AsyncExitStack() as beside:
@@ -105,9 +108,9 @@ def _say_what_hides(survey: "Survey") -> None:
 
 def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
     """Return a handler that logs a failure outside all tasks on one line: a PLC with invalid
-    answers can cause any number.
+    answers can cause any number of failures.
 
-    The first, the tenth, the hundredth failure of each kind is logged.
+    Of each kind, the first, the tenth, the hundredth failure and so on are logged.
     """
     import structlog
 
@@ -124,8 +127,8 @@ def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
 
 
 def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManager[None]":
-    """Serve the page's unit, which has its own account and addresses. Raises UsageError where the
-    system lacks that account.
+    """Serve the unit of the page, which has its own account and addresses. Raises UsageError where
+    the operating system lacks the account.
     """
     import pwd
 

@@ -1,5 +1,5 @@
-"""The state of a survey, from the disk alone: kept passes, passes to drive again, and the reasons.
-Reading the state changes no file.
+"""The state of a survey, from the disk alone: kept passes, passes to drive again, and the reasons
+for both. Reading the state changes no file.
 """
 
 from collections.abc import Sequence
@@ -38,8 +38,8 @@ from stepdiag.terminal.progress import counted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogStanding:
-    """A log and its number of stops; ``trouble`` is the reason why it is unreadable, or that it was
-    cut off.
+    """The state of a log: its number of stops; ``trouble`` is the reason why the log is unreadable,
+    or the message that it was cut off.
     """
 
     name: str
@@ -50,7 +50,7 @@ class LogStanding:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
     """The state of a survey. ``round`` is None before anything was recorded; ``changed``: the
-    survey file differs from that of the logs.
+    survey file differs from the survey file in the logs.
     """
 
     survey: str
@@ -64,16 +64,20 @@ class Standing:
     doubts: tuple[Doubt, ...]
     """Doubts that keep driven passes open."""
     unsolved: Words
-    """Why there is no result although every pass is complete; empty if there is no reason."""
+    """The reason why there is no result although every pass is complete; empty if there is no
+    reason.
+    """
     findings: tuple[FindingStatus, ...]
     setups: tuple[SetupStatus, ...]
     to_drive: tuple[DriveStatus, ...]
-    """The passes still to be driven, in order."""
+    """The passes still to be driven, in the order of driving."""
     logs: tuple[LogStanding, ...]
     live: LiveStatus | None
-    """The daemon that records here, with its links; None without a daemon."""
+    """The state of the daemon that records in this folder, with its links; None without a
+    daemon.
+    """
     ahead: AheadStatus
-    """The next pass, by the newest solution."""
+    """The next pass to drive, by the newest solution."""
     wrong_line: str
     """The line of the survey file that a finding names as wrong; empty without a line."""
     corrections: tuple[str, ...]
@@ -81,7 +85,7 @@ class Standing:
     logs.
     """
     disk: Words
-    """The finding of the disk; empty while there is room."""
+    """The finding about the disk of the recording; empty while there is room."""
 
     @property
     def complete(self) -> bool:
@@ -90,8 +94,8 @@ class Standing:
 
 
 def standing_of(path: Path) -> Standing:
-    """Return the state of the survey of a survey file, or of the survey recorded in a folder (its
-    own, or one round's).
+    """Return the state of the survey of a survey file, or of the survey recorded in a folder (the
+    survey's folder, or that of one round).
 
     Raises UsageError for a folder without a recording, DataError where none of its logs can be
     read.
@@ -115,7 +119,9 @@ def standing_of(path: Path) -> Standing:
 
 
 def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str) -> Standing:
-    """Return the standing of a round. Without a survey file the survey comes from its logs."""
+    """Return the state of a round of a survey. Without a survey file, the survey is read from the
+    logs.
+    """
     paths = logs_in(last) if last is not None else []
     recorded, readable, logs = _read_logs(paths)
     recorded = text_of(readable[0].parent, readable) if readable else recorded
@@ -166,7 +172,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
 
 
 def _read_logs(paths: Sequence[Path]) -> tuple[str, list[Path], list[LogStanding]]:
-    """Return the survey file of the first readable log, the readable logs in order, and the state
+    """Return the survey file in the first readable log, the readable logs in order, and the state
     of each log.
     """
     text, readable, logs = "", list[Path](), list[LogStanding]()

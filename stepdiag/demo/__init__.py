@@ -1,5 +1,5 @@
-"""The whole job on a virtual machine.
+"""A whole survey on a virtual machine, from recording to verification.
 
-In: a seed. Out: a folder with survey, logs, result, files and the improvement. Imported by
-`cli.demo`.
+In: a seed. Out: a folder with survey, logs, result, compensation files and the improvement.
+`cli.demo` imports this package.
 """

@@ -1,5 +1,5 @@
-"""The whole job on a virtual machine: recorded, solved, exported, loaded back, and verified at
-unmeasured points.
+"""The demo: a survey of a virtual machine is recorded, solved and exported, its files are loaded
+into the machine, and the machine is verified at unmeasured points.
 """
 
 import time
@@ -38,7 +38,9 @@ from stepdiag.virtual.control.compensation import Control
 LINE_POINTS = 21
 
 Progress = Callable[[Message, int, int], None]
-"""Receives the present work, the number of captured stops, and their final number."""
+"""A function that receives the present work, the number of captured stops, and the final number of
+stops.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +48,7 @@ class Figures:
     """Errors of the tool anywhere in the volume, as the product computes them (um, rigid motion
     removed), and along a face diagonal.
 
-    ``face_diagonal_um`` is the largest range of the deviation along one of six.
+    ``face_diagonal_um`` is the largest range of the deviation along one of six face diagonals.
     """
 
     rms_um: float
@@ -56,7 +58,9 @@ class Figures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """An interval (k = 2) of the volume's rms error by the result, and the true error."""
+    """The interval (k = 2) that a result states for the rms error of the volume, and the true error
+    of the virtual machine.
+    """
 
     of: Message
     stated: Interval
@@ -64,7 +68,9 @@ class Promise:
 
     @property
     def kept(self) -> bool:
-        """Whether the true value is inside; never without a stated uncertainty of the result."""
+        """Whether the true error lies in the stated interval; False if the result states no
+        uncertainty.
+        """
         low_um, high_um = self.stated.low_um, self.stated.high_um
         return (
             low_um is not None and high_um is not None and low_um <= self.true_um <= high_um
@@ -74,11 +80,11 @@ class Promise:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demonstrated:
     """Results of the demo: the machine as found, and with the files of each control loaded;
-    ``seconds`` is the time of the survey.
+    ``seconds`` is the duration of the survey.
 
-    ``after`` are the files exported by the daemon, ``reach`` the effect of other forms of
-    compensation on the same survey, ``promises`` the result's statement about the volume before any
-    comparison with the truth.
+    ``after`` holds the errors with the files that the daemon exported, ``reach`` the errors with
+    other forms of compensation from the same survey. ``promises`` holds the intervals that the
+    result states, beside the true errors.
     """
 
     folder: Path
@@ -90,7 +96,9 @@ class Demonstrated:
     seconds: float
 
     def factor(self, control: str) -> float:
-        """Return the decrease of the volumetric error (rms anywhere in the volume)."""
+        """Return the factor by which the files of a control reduce the volumetric error (rms
+        anywhere in the volume).
+        """
         return self.before.rms_um / {**self.after, **self.reach}[control].rms_um
 
 
@@ -133,8 +141,8 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
 
 
 def promises_of(result: Result, before_um: float, whole_um: float) -> tuple[Promise, ...]:
-    """Return the promises of a result for the machine as found and with all known errors corrected,
-    beside the true rms errors in um.
+    """Return the stated intervals of a result beside the true rms errors in um: for the machine as
+    found, and with all known errors corrected.
     """
     reach = reach_in(result)
     found = (
@@ -185,8 +193,8 @@ def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figur
 def _diagonal_range_um(
     error_at: Callable[[Vector], Vector], start: Vector, end: Vector
 ) -> float:
-    """Return the range of the deviation along a line, as a laser with a retroreflector would
-    measure it.
+    """Return the range of the deviation along a line between two points, as a laser with a
+    retroreflector would measure it.
     """
     points = start + np.linspace(0.0, 1.0, LINE_POINTS)[:, None] * (end - start)
     along = error_at(points) @ ((end - start) / np.linalg.norm(end - start))
@@ -224,7 +232,7 @@ def _files(round_folder: Path, control: str) -> list[Path]:
 
 
 def _survey(hall: Talker, survey: Path, recording: Talker, progress: Progress) -> Path:
-    """Let the survey be driven until it is complete; return the folder of its logs."""
+    """Have the operator drive the survey until it is complete; return the folder of its logs."""
     total = (
         sum((3 * INCREMENTS + 1 if len(setup) == 3 else INCREMENTS + 1) for setup in SETUPS)
         * PASSES

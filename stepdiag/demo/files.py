@@ -1,5 +1,6 @@
-"""The files the demo starts from: the virtual machine, the survey, and the profiles of two
-controls."""
+"""The files that the demo needs at its start: the virtual machine, the survey, and the profiles of
+two controls.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -169,13 +170,15 @@ _FOURS = [
     for point in range(4)
 ]
 _STRAIGHTNESS = sorted([*range(5711, 5714), *range(5721, 5724), *_FOURS])
-"""The parameters of straightness compensation, for the virtual control only."""
+"""The FANUC parameters of straightness compensation; these numbers are valid only for the virtual
+control.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """Pace of the virtual machine, and the survey's settings of a stop: ``machine_s`` are machine
-    seconds, the others wall seconds.
+    """Pace of the virtual machine, and the survey's settings of a stop: ``machine_s`` is the number
+    of machine seconds in a wall second; the other fields are in wall seconds.
     """
 
     machine_s: float = 10.0
@@ -186,7 +189,7 @@ class Pace:
 
 FAST = Pace()
 WATCHED = Pace(machine_s=2.0, dwell_s=1.2, settle_s=0.15, min_window_s=0.4)
-"""A stop every second and a half, so that a person can follow."""
+"""Pace of the live demo: a stop every second and a half, so that a person can follow."""
 
 
 def write_bench(folder: Path, seed: int, pace: Pace = FAST) -> Path:
@@ -229,8 +232,8 @@ def write_survey(
 
 
 def write_angles(folder: Path, bench: Path, seed: int) -> None:
-    """Write the angles file of an autocollimator that measured every axis at the stops, with the
-    uncertainty `U_ANGLE_URAD`.
+    """Write the angles file of an autocollimator that measured every axis at the positions of the
+    stops, with the uncertainty `U_ANGLE_URAD`.
     """
     truth, rng = (
         build_machine(read_config(bench)).truth(INCREMENTS),
@@ -252,8 +255,8 @@ def write_angles(folder: Path, bench: Path, seed: int) -> None:
 
 
 def write_profiles(folder: Path) -> None:
-    """Write the profiles of both controls, and the punch file of the FANUC control without
-    compensation.
+    """Write the profiles of both controls of the demo, and the punch file of a FANUC control
+    without compensation.
     """
     (folder / "PITCH.TXT").write_bytes(
         _punch([f"N{10000 + point:05d}Q0P0" for point in range(1, 129)])
@@ -266,8 +269,8 @@ def write_profiles(folder: Path) -> None:
 def siemens_profile(
     *, functions: str = "", products: bool = False, held: int | None = None
 ) -> str:
-    """Return the profile of a SINUMERIK: nine tables, or those of ``functions``, with products
-    within ``held`` CEC tables.
+    """Return the profile of a SINUMERIK with nine tables, or with the tables of ``functions`` and,
+    within ``held`` CEC tables, products.
     """
     chosen = f"functions = {functions}" if functions else ""
     section = "\n[siemens]\nmeasuring_system = 1\n" + (

@@ -1,4 +1,6 @@
-"""The keyboard, key by key and without waiting; without a terminal, the bytes of standard input."""
+"""The keyboard of a terminal, read key by key and without waiting. Without a terminal, the bytes of
+standard input are the keys.
+"""
 
 import os
 import select
@@ -10,13 +12,13 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class Keyboard:
-    """``ended`` is set at the end of the input."""
+    """Start with no key pressed; ``ended`` is set at the end of the input."""
 
     number: int
     ended: bool = False
 
     def pressed(self) -> str:
-        """Return the key pressed since the last call; empty without one."""
+        """Return the key pressed since the last call; empty without a key."""
         if self.ended or not select.select([self.number], [], [], 0.0)[0]:
             return ""
         read = os.read(self.number, 1)

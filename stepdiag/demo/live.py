@@ -1,5 +1,5 @@
-"""``stepdiag demo --live``: the page with a virtual survey slow enough to watch, with faults that a
-key causes.
+"""``stepdiag demo --live``: the page with a virtual survey that is slow enough to watch, and with
+faults that the viewer causes by a key.
 """
 
 import json
@@ -28,7 +28,9 @@ from stepdiag.demo.processes import Talker
 from stepdiag.virtual.base.reserved import reserved_port
 
 LOOK_AT_PAGE_S = 8.0
-"""Wait of the operator before each setup in s: meanwhile the page shows the setting up."""
+"""Time in s for which the operator waits before each setup; meanwhile the page shows the setting
+up.
+"""
 TOKEN_FILE = "page.token"  # noqa: S105  # its name
 USUAL_PORT = 8420
 GO, END = "\n", "q"
@@ -36,8 +38,8 @@ GO, END = "\n", "q"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Key:
-    """The action of a key: words for the viewer, and the fault of the virtual machine
-    (`stepdiag.virtual`). ``placed``: the fault strikes at the next stop.
+    """The action of a key: a text for the viewer, and the fault of the virtual machine
+    (`stepdiag.virtual`). ``placed``: the fault occurs at the next stop.
     """
 
     does: Message
@@ -48,7 +50,7 @@ class Key:
     placed: bool = False
 
     def order(self, setup: str) -> str:
-        """Return the fault in the form of the virtual machine's commands."""
+        """Return the command to the virtual machine that causes the fault."""
         place = {"setup": setup} if self.placed else {}
         return "fault " + json.dumps(
             {
@@ -91,14 +93,15 @@ class Person(Protocol):
         """Store the address of the page, and the token for its buttons."""
 
     def show(self, line: Words) -> None:
-        """Take an event."""
+        """Process an event of the demo."""
 
     def pressed(self) -> str:
         """Return the key pressed since the last call, empty without one; `END` ends the demo."""
 
 
 def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
-    """Run the survey for a viewer until the viewer ends it; all its files remain in ``folder``.
+    """Run the survey for a viewer until the viewer ends the demo; all files of the survey remain in
+    ``folder``.
 
     Raises UsageError for a folder that is not empty, DeviceError or DataError for a failed process.
     """
@@ -109,7 +112,7 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
     token = secrets.token_hex(8)
     os.close(
         os.open(folder / TOKEN_FILE, os.O_CREAT | os.O_EXCL, 0o600)
-    )  # no other account can read it, from the first moment on
+    )  # from the first moment on, no other account can read the folder
     (folder / TOKEN_FILE).write_text(token, encoding="ascii")
     with bench(config, folder) as hall, page_port() as port:
         page = f'port = {port}\ntoken_file = "{TOKEN_FILE}"'
@@ -127,15 +130,15 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
 
 @contextmanager
 def page_port() -> Iterator[int]:
-    """Yield the page's usual port, or a free port if another program uses it, or another demo that
-    may not listen yet.
+    """Yield the page's usual port; or a free port if another program uses the usual port, or if
+    another demo has reserved it.
     """
     with socket.socket(socket.AF_UNIX) as mine, socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             mine.bind(
                 f"\0stepdiag demo, page {USUAL_PORT}"
-            )  # in no folder; the lock ends with this process, whatever the reason (unix(7))
+            )  # an abstract socket (unix(7)): the lock ends with this process
             probe.bind(("127.0.0.1", USUAL_PORT))
             port = USUAL_PORT
         except OSError:
@@ -144,8 +147,8 @@ def page_port() -> Iterator[int]:
 
 
 def _watched(hall: Talker, recording: Talker, operator: Operator, person: Person) -> bool:
-    """Let the survey run and execute the keys; return whether it is complete (otherwise the viewer
-    has ended it).
+    """Let the survey run and execute the keys; return whether the survey is complete (otherwise the
+    viewer has ended the demo).
     """
     ended = False
 
@@ -177,7 +180,9 @@ def _cause(key: Key, hall: Talker, setup: str, show: Callable[[Words], None]) ->
 
 
 def _terminal_line(event: dict[str, str]) -> Words:
-    """Return the part of the daemon's messages for the terminal; the page shows the rest."""
+    """Return the part of the daemon's messages for the terminal; the page shows the other
+    messages.
+    """
     match event["event"]:
         case "waiting":
             return message("demo-waits", what=event["what"])

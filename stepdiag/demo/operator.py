@@ -1,5 +1,5 @@
-"""Virtual machine and daemon as processes, and the person at the control, who starts one setup
-after another and drives requested passes again.
+"""The virtual machine and the daemon as processes; and the person at the control, who starts one
+setup after another and repeats the passes that the daemon requests.
 """
 
 import sys
@@ -18,29 +18,33 @@ READY_S = 120.0
 SILENCE_S = 120.0
 """Longest wait for the next message of the daemon, in s."""
 SOLVING_S = 900.0
-"""Longest time of solving in s: the solver has the lowest priority, and on a busy computer it
+"""Longest time in s for solving: the solver has the lowest priority, and on a busy computer it
 mostly waits.
 """
 HAND_S = 1.0
-"""Wait in s before the start: a person starts the program when everything runs, not within the
-daemon's first milliseconds.
+"""Time in s between the last preparation and the start: a person would not start the program within
+the daemon's first milliseconds.
 """
 SETTLED_S = 2.0
-"""Silence of the daemon in s, after the end of the machine's program, after which it has named all
-missing passes.
+"""Time in s, after the end of the machine's program, for which the daemon must be silent: it has
+then named all missing passes.
 """
 MOST_AGAIN = 20
-"""Largest number of repetitions: on a quiet computer hardly any pass is driven again; with fifteen
-busy processes a core six were not enough.
+"""Largest number of repetitions of a setup: on a quiet computer hardly any pass is repeated; with
+fifteen busy processes per core, six repetitions were not enough.
 """
 LOOK_S = 0.02
 
 
 class Operator:
-    """The person at the control. ``setup`` is the present setup, empty while the machine waits."""
+    """The person at the control. ``setup`` is the setup that is being driven, empty while the
+    machine waits.
+    """
 
     def __init__(self, hall: Talker, survey: Path, *, wait_s: float = 0.0) -> None:
-        """``wait_s`` is the time for which the operator reads the page before each start."""
+        """Begin without a setup; ``wait_s`` is the time for which the operator reads the page
+        before each start.
+        """
         self._hall = hall
         self._survey = survey
         self._wait_s = wait_s
@@ -56,7 +60,7 @@ class Operator:
         return self._idle_since > 0.0
 
     def look(self) -> None:
-        """Take note of the machine's events."""
+        """Process an event of the virtual machine."""
         while (event := self._hall.poll()) is not None:
             self.setup = event["setup"]
             self._idle_since = 0.0 if self.setup else time.monotonic()
@@ -66,12 +70,12 @@ class Operator:
         self._idle_since = self._idle_since and time.monotonic() - self._wait_s
 
     def heard(self) -> None:
-        """Record a message of the daemon: the missing passes must be queried again."""
+        """Process a message of the daemon: after it, the missing passes must be queried again."""
         self._asked = False
 
     def start(self, silent_s: float) -> None:
-        """Start the next setup where the machine waits; after the last setup, the passes that the
-        survey still lacks, once the daemon has been silent for ``silent_s``.
+        """Start the next setup if the machine waits for a start. After the last setup, start the
+        setups of the missing passes, once the daemon has been silent for ``silent_s``.
 
         Raises DataError if a setup is still incomplete after it was driven again several times.
         """
@@ -122,8 +126,8 @@ def bench(config: Path, folder: Path) -> Iterator[Talker]:
 
 @contextmanager
 def daemon(survey: Path) -> Iterator[Talker]:
-    """Run the daemon while the block runs, from the connection of laser and machine on; ``ready``
-    receives the page's address.
+    """Run the daemon while the block runs, and enter the block when laser and machine are
+    connected; ``ready`` receives the page's address.
     """
     with talking(
         (sys.executable, "-P", "-m", "stepdiag", "run", str(survey)), errors=True

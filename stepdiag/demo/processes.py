@@ -1,4 +1,4 @@
-"""Child processes that print a JSON object a line: the virtual machine and the daemon in the
+"""Child processes that print one JSON object per line: the virtual machine and the daemon of the
 demo.
 """
 
@@ -18,9 +18,9 @@ from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import message
 
 END_S = 120.0
-"""Longest time for a process to end in good order, in s."""
+"""Longest time in s for a process to end after it was asked to end."""
 REMEMBERED = 20
-"""Last lines shown of a failed process."""
+"""Number of lines of a failed process that its error message shows."""
 
 
 @contextmanager
@@ -28,15 +28,15 @@ def ended_in_order() -> Iterator[None]:
     """End the block, and the processes it started, when this process receives SIGTERM or its
     terminal is closed.
 
-    Otherwise Python would end at once, and virtual machine and daemon would remain without an
-    owner.
+    Without this, Python would end at once, and virtual machine and daemon would continue to run
+    alone.
     """
 
     def leave(number: int, _frame: object) -> None:
         for each in before:
             signal.signal(
                 each, signal.SIG_IGN
-            )  # a second order would cut off what the first ends
+            )  # a second signal would interrupt the ending that the first signal started
         sys.exit(128 + number)
 
     before = {each: signal.signal(each, leave) for each in (signal.SIGTERM, signal.SIGHUP)}
@@ -49,16 +49,18 @@ def ended_in_order() -> Iterator[None]:
 
 @dataclass(slots=True)
 class Talker:
-    """A child process that prints a JSON object a line."""
+    """A child process that prints one JSON object per line."""
 
     process: subprocess.Popen[str]
     lines: Queue[str | None]
     ready: dict[str, str]
     last: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
-    """Its last lines, oldest first."""
+    """The last lines of the process, oldest first."""
 
     def next(self, timeout_s: float, what: str) -> dict[str, str]:
-        """Return the next object. Raises DeviceError where the process ends or is silent."""
+        """Return the next object of the process. Raises DeviceError where the process ends or is
+        silent.
+        """
         try:
             line = self.lines.get(timeout=timeout_s)
         except Empty as silence:
@@ -81,7 +83,7 @@ class Talker:
         return event
 
     def poll(self) -> dict[str, str] | None:
-        """Return the next object that has already arrived, or None."""
+        """Return the next object that has already arrived, or None without waiting."""
         return None if self.lines.empty() else self.next(1.0, "process")
 
     def say(self, text: str) -> None:
@@ -94,7 +96,8 @@ class Talker:
 @contextmanager
 def talking(command: Sequence[str], *, errors: bool) -> Iterator[Talker]:
     """Run a process and read its lines, from standard error for the daemon and from standard output
-    for the bench. It ends with the thread that started it, also where this process is killed.
+    for the bench. The process ends together with the thread that started it, even if the program of
+    this thread is killed.
     """
     process = subprocess.Popen(
         ("setpriv", "--pdeathsig", "TERM", *command),

@@ -1,5 +1,5 @@
-"""Remaining error with each control after the same survey: the files of each, loaded by its law,
-judged at unmeasured points.
+"""Remaining error with each form of compensation after the same survey: the files of each form are
+loaded by the law of its control, and the machine is judged at unmeasured points.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ ACCEPTED = (
     "change-large",
     "profile-assumed",
 )
-"""Warnings of a first export on a machine as inaccurate as the demo's."""
+"""Warnings that are accepted in a first export on a machine as inaccurate as the demo's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,8 +68,8 @@ FORMS = (
 
 
 def exported(folder: Path, result: Result) -> Iterator[tuple[Form, Sequence[Path]]]:
-    """Write the files of every form into ``folder`` and yield the active files; files named by the
-    profiles are beside ``folder``.
+    """Write the files of every form of compensation into ``folder``, and yield the active files of
+    each form. The files that the profiles name lie beside ``folder``.
     """
     for number, form in enumerate(FORMS, start=1):
         path = folder.parent / f"reach-{number}-{form.control}.toml"

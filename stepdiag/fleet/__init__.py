@@ -2,6 +2,6 @@
 old logs solved again.
 
 In: folders of finished surveys. Out: a store of files (a folder, or anything fsspec opens), and its
-contents as tables, JSON and a page. No part of it runs while a machine is measured. Needs the extra
-``stepdiag[fleet]``; imported by `cli` only, inside its functions.
+contents as tables, JSON and a page. No part of this package runs while a machine is measured. The
+package needs the extra ``stepdiag[fleet]``; only functions of `cli` import it.
 """

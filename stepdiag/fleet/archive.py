@@ -1,4 +1,6 @@
-"""Finished surveys into the store: found, packed, copied, read back, and only then listed."""
+"""Archiving of finished surveys in the store: a survey is packed, copied, read back, and only then
+listed.
+"""
 
 import hashlib
 import shutil
@@ -29,16 +31,18 @@ from stepdiag.fleet.tables import (
 )
 
 MOST_LOOSE = 50
-"""Largest number of tables beside the index before the index is rebuilt: each costs a query about a
-millisecond.
+"""Largest number of surveys outside the index before the index is rebuilt: a query takes about a
+millisecond longer for each.
 """
 _ID_DIGITS = 16
-"""Hexadecimal digits of a survey's name: 64 bits keep the logs of any fleet apart."""
+"""Number of hexadecimal digits of a survey's name in the store: 64 bits distinguish the logs of any
+fleet.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Added:
-    """The outcome for a survey; ``size_bytes`` is its size in the store."""
+    """The outcome of archiving a survey; ``size_bytes`` is the size of the survey in the store."""
 
     source: Path
     place: Place
@@ -47,8 +51,8 @@ class Added:
 
 
 def finished_in(folders: Sequence[Path]) -> list[Path]:
-    """Return every folder at or below the given ones that holds a result beside its logs. Raises
-    UsageError without such a folder.
+    """Return every folder, at or below the given folders, that holds a result beside its logs.
+    Raises UsageError without such a folder.
     """
     for folder in folders:
         if not folder.is_dir():
@@ -76,8 +80,8 @@ def finished_in(folders: Sequence[Path]) -> list[Path]:
 
 
 def undated(folder: Path) -> str:
-    """Return the message that the time of a finished survey is unknown: the clock was never set and
-    no time was stated; empty for a known time.
+    """Return the message that the time of a finished survey is unknown, because the clock was never
+    set and no time was stated; empty for a known time.
     """
     result = result_in(folder / RESULT, str(folder / RESULT))
     return next(
@@ -91,11 +95,10 @@ def undated(folder: Path) -> str:
 
 
 def add(folder: Path, store: Store) -> Added:
-    """Archive a finished survey. A survey that is already archived is found there, and nothing is
-    written.
+    """Archive a finished survey. If the store already contains the survey, nothing is written.
 
     Raises DataError for an unreadable log or result, or for the same logs in the store with other
-    results; UsageError if the store cannot be written. An interruption leaves a survey that is not
+    results; UsageError if the store cannot be written. After an interruption the survey is not
     listed; the next call completes it.
     """
     result = result_in(folder / RESULT, str(folder / RESULT))
@@ -134,8 +137,8 @@ def put_table(store: Store, place: Place, files: Mapping[str, str], table: bytes
 
 
 def _content_of(log: bytes) -> str:
-    """Return the digest of a log's records: another computer's zstd packs the same log to other
-    bytes.
+    """Return the digest of the records in a log: the bytes of a packed log differ between
+    computers.
     """
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "there.mcap"
@@ -144,11 +147,11 @@ def _content_of(log: bytes) -> str:
 
 
 def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
-    """Rebuild the index if more than ``most_loose`` surveys are outside it; return its number of
-    points, 0 without a new index.
+    """Rebuild the index if more than ``most_loose`` surveys are outside it; return the number of
+    rows of the new index, 0 if the index was not rebuilt.
 
-    If two writers work at once, the last index stays; its missing surveys are read from their own
-    tables.
+    If two writers work at once, the index of the last writer stays; surveys that this index lacks
+    are read from their own tables.
     """
     places = store.tables()
     known, held = _indexed(store, len(places))
@@ -172,8 +175,8 @@ def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
 
 
 def _indexed(store: Store, surveys: int) -> tuple[pa.Table | None, set[str]]:
-    """Return the index and the folders of the surveys in it; None for a missing or damaged index,
-    which is then rebuilt.
+    """Return the index and the folders of the surveys in it; None and an empty set for a missing or
+    damaged index, which is then rebuilt.
     """
     if not store.exists(INDEX):
         return None, set()
@@ -185,8 +188,8 @@ def _indexed(store: Store, surveys: int) -> tuple[pa.Table | None, set[str]]:
 
 
 def _name_of(logs: Sequence[Path]) -> str:
-    """Return the name of a survey, computed from all records of its logs, packed or not. Raises
-    DataError for a damaged log.
+    """Return the name of a survey in the store, computed from all records of its logs, packed or
+    not. Raises DataError for a damaged log.
     """
     sums = [digest(log) for log in logs]
     for log, each in zip(logs, sums, strict=True):
@@ -201,7 +204,7 @@ def _name_of(logs: Sequence[Path]) -> str:
 
 
 def name_of_logs(digests: Sequence[str]) -> str:
-    """Return the name of the survey with logs of these digests."""
+    """Return the name of the survey whose logs have these digests."""
     return hashlib.sha256("".join(sorted(digests)).encode()).hexdigest()[:_ID_DIGITS]
 
 
@@ -220,8 +223,8 @@ class _Files:
 def _packed_copy(
     folder: Path, copy: Path, logs: Sequence[Path], *, pack_logs: bool
 ) -> _Files:
-    """Copy the files that belong to a survey: its own files, without links and hidden files, and
-    its whole logs, packed.
+    """Copy the files of a survey: its own files, without links and hidden files, and its undamaged
+    logs, packed.
     """
     wanted = [
         path
@@ -245,7 +248,9 @@ def _belongs(path: Path, folder: Path) -> bool:
 
 
 def _require_same(store: Store, place: Place, hashes: dict[str, str]) -> None:
-    """Raise DataError where the survey exists with another result; equal names mean equal logs."""
+    """Raise DataError where the store contains the same logs with another result; equal names mean
+    equal logs.
+    """
     if store.listed(place).files[RESULT] != hashes.get(RESULT):
         raise DataError(
             f"{store.address}: {place.folder}/{RESULT}",

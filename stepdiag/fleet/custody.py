@@ -67,8 +67,9 @@ def check(store: Store) -> Iterator[tuple[str, Message]]:
 def verify_in_store(certificate: Path, address: str) -> Verified:
     """Return whether a certificate follows from a store, and the first broken link.
 
-    The laboratory's file is not in a store; it is read from beside the certificate. Raises
-    DataError for a file that is not a certificate, UsageError for an address that is not a store.
+    A store does not contain the laboratory's file; this file is read from the folder of the
+    certificate. Raises DataError for a file that is not a certificate, UsageError for an address
+    that is not a store.
     """
     root, store = parsed(read_bytes(certificate), certificate.name), Store(address)
     links = custody_of(root)
@@ -95,8 +96,9 @@ def verify_in_store(certificate: Path, address: str) -> Verified:
 
 
 def _fetched(store: Store, place: Place, folder: Path) -> pa.Table:
-    """Copy the files of a survey out of the store, each checked; return its table. Raises
-    BrokenLinkError for the first broken link."""
+    """Copy the files of a survey out of the store and check the hash of each; return the table of
+    the survey. Raises BrokenLinkError for the first broken link.
+    """
     folder.mkdir()
     try:
         data = store.read(place.table)
@@ -125,8 +127,8 @@ def _require_table(place: Place, data: bytes, result: bytes) -> pa.Table:
     """Return a survey's table. Raises BrokenLinkError where the table does not follow from its
     result.
 
-    If the same library wrote the table, its bytes are compared too: statistics and names of columns
-    are not numbers, and readers use them.
+    If the same library version wrote the table, its bytes are compared too, because readers also
+    use the statistics and the names of the columns.
     """
     table, expected = (
         from_parquet(data, place.table, SCHEMA, MOST_ROWS, LARGEST_BYTES),
@@ -142,8 +144,8 @@ def _require_table(place: Place, data: bytes, result: bytes) -> pa.Table:
 
 
 def _require_index(store: Store, tables: Mapping[str, pa.Table]) -> None:
-    """Raise BrokenLinkError if the points of a survey in the index differ from its table, or its
-    bytes from the points.
+    """Raise BrokenLinkError if the rows of a survey in the index differ from its table, or if the
+    bytes of the index do not follow from its rows.
 
     ``tables`` are the tables of the compared surveys, by folder.
     """

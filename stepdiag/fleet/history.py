@@ -1,5 +1,5 @@
-"""The machines of a store over time: every quantity of every survey, by machine, from the index and
-the tables beside it.
+"""The quantities of the machines in a store over time: from the index, and from the tables that the
+index does not contain.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,7 +31,9 @@ from stepdiag.fleet.tables import PLACE, index_of, read_index, read_table
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """Every series of a store, by machine and quantity, and the quantities left out."""
+    """Every series of a store, by machine and quantity, and the surveys or tables that are in no
+    series.
+    """
 
     series: tuple[Series, ...]
     left_out: tuple[LeftOut, ...]
@@ -41,7 +43,7 @@ def history_in(store: Store, now: datetime, machine: str = "", software: str = "
     """Return every quantity over time, by machine and name: from the archived results, or from
     results solved again by ``software``.
 
-    A table that is damaged is left out with its name. Raises DataError for a store without series.
+    A damaged table is left out and named. Raises DataError for a store without series.
     """
     places = store.tables()
     wanted = [
@@ -65,8 +67,8 @@ def history_in(store: Store, now: datetime, machine: str = "", software: str = "
 def _wanted_rows(
     store: Store, wanted: Sequence[Place], surveys: int
 ) -> tuple[pa.Table, list[LeftOut]]:
-    """Return the rows of the wanted surveys: from the index if present, else from their own tables;
-    and the damaged tables.
+    """Return the rows of the requested surveys, from the index or else from their own tables; and
+    the damaged tables.
     """
     left_out: list[LeftOut] = []
     folders = {place.folder for place in wanted}
@@ -105,7 +107,7 @@ def _wanted_rows(
 
 
 class _Columns:
-    """The columns of the index as arrays, its texts as numbers."""
+    """The columns of the index as arrays; texts are stored as numbers."""
 
     def __init__(self, table: pa.Table) -> None:
         self.words: dict[str, list[str]] = {}
@@ -136,7 +138,7 @@ class _Columns:
 
     def nodes(self, rows: NDArray[np.int64]) -> tuple[Array, Array, Array] | None:
         """Return positions, values and uncertainties, shapes (nodes,) and (rows, nodes), if all
-        rows have the same nodes.
+        rows have the same nodes, otherwise None.
         """
         _, begins = self.lists["values"]
         counts = begins[rows + 1] - begins[rows]
@@ -154,12 +156,12 @@ class _Columns:
         return (positions[0], values, us) if np.all(positions == positions[0]) else None
 
     def lists_of(self, name: str, rows: NDArray[np.int64]) -> list[Array]:
-        """Return the numbers of each row."""
+        """Return the list of numbers that each row has in a column."""
         flat, begins = self.lists[name]
         return [flat[begins[row] : begins[row + 1]].astype(float) for row in rows]
 
     def of(self, name: str, row: int) -> str:
-        """Return the text in a row."""
+        """Return the text that a row has in a column."""
         return self.words[name][int(self.codes[name][row])]
 
 
@@ -169,7 +171,7 @@ def _flat(column: pa.ListArray) -> tuple[NDArray[np.float32], NDArray[np.int64]]
 
 
 def history_of(table: pa.Table, now: datetime) -> History:
-    """Return the series of a table of `INDEX_SCHEMA`, and the quantities left out."""
+    """Return the series in a table of `INDEX_SCHEMA`, and the surveys that are in no series."""
     columns = _Columns(table)
     rank = {
         name: np.argsort(np.argsort(columns.words[name])) for name in ("machine", "quantity")
@@ -188,7 +190,7 @@ def history_of(table: pa.Table, now: datetime) -> History:
 
 
 def _surveys(columns: _Columns, rows: NDArray[np.int64]) -> dict[int, Survey]:
-    """Return the surveys of a machine by the number of their place, oldest first."""
+    """Return the surveys of a machine, oldest first, by the number that represents their folder."""
     places, firsts = np.unique(columns.codes[PLACE][rows], return_index=True)
     found: dict[int, Survey] = {}
     for place, row in sorted(
@@ -214,7 +216,7 @@ def _of_machine(
     quantity: NDArray[np.int64],
     groups: Groups,
 ) -> Iterator[Series]:
-    """Yield the series of a machine by name of the quantity."""
+    """Yield the series of a machine, sorted by the name of the quantity."""
     place = columns.codes[PLACE]
     inside = [np.isin(place[rows], list(surveys)) for surveys, _ in groups]
     for mine in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(quantity[rows])) + 1):
@@ -238,7 +240,7 @@ def _series(
     surveys: tuple[Survey, ...],
     why: Message | None,
 ) -> Series:
-    """Return a quantity of comparable surveys, at their common nodes."""
+    """Return the series of a quantity over comparable surveys, at their common nodes."""
     shown = columns.shown[rows]
     alike = columns.nodes(rows)
     nodes, at, u = alike or _at_common_nodes(
@@ -263,11 +265,11 @@ def _series(
 def _at_common_nodes(
     positions: list[Array], values: list[Array], us: list[Array]
 ) -> tuple[Array, Array, Array]:
-    """Return a function at the nodes of its coarsest survey that all others cover: that survey has
-    no values between its nodes.
+    """Return a function over its surveys, at those nodes of the coarsest survey that all other
+    surveys cover: the coarsest survey has no values between its nodes.
 
-    The values are relative to the line through its ends there: surveys over other parts of the
-    travel have another zero and another line.
+    The values are relative to the line through the end points of this range: surveys over other
+    parts of the travel have another zero and another line.
     """
     coarsest = min(positions, key=len)
     low, high = (
@@ -296,4 +298,4 @@ def _at_common_nodes(
 
 
 ALMOST_MM = 0.01
-"""Nodes closer than this count as one."""
+"""Distance in mm below which two nodes count as one."""

@@ -1,5 +1,5 @@
-"""The page of a fleet: the sheet of `report`, made again when the store changes; on this computer
-only, unless a host is named.
+"""The page of a fleet: the sheet of `report`, made again when the store changes. Only this computer
+can reach the page, unless a host is named.
 
 A browser sends the token once, in the address that the command prints, and then uses a cookie; a
 program sends the token with each request.
@@ -43,12 +43,14 @@ LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 
 class Sheets:
-    """The contents of the page, computed once for all visitors until the store changes."""
+    """The sheets that the page shows, computed once for all visitors until the store changes."""
 
     def __init__(
         self, state: Callable[[], Hashable], trends: Callable[[], Found], source: str
     ) -> None:
-        """``state`` changes with every change of the store; ``trends`` reads the store."""
+        """Set the sources of the sheets: ``state`` returns a value that changes with every change
+        of the store, ``trends`` reads the store.
+        """
         self._state, self._trends, self._source = state, trends, source
         self._lock = Lock()
         self._of: Hashable = None
@@ -56,7 +58,7 @@ class Sheets:
         self._sheet: Callable[[Language], str] = lambda _: ""
 
     def found(self) -> Found:
-        """Return the trends. Raises the errors of reading the store."""
+        """Return the trends of the store. Raises the errors of reading the store."""
         with self._lock:
             state = self._state()
             if state != self._of:
@@ -68,7 +70,7 @@ class Sheets:
             return self._found
 
     def sheet(self, language: Language) -> str:
-        """Return the sheet in a language."""
+        """Return the sheet of the fleet in a language."""
         self.found()
         with self._lock:
             return self._sheet(language)
@@ -77,8 +79,8 @@ class Sheets:
 def create_app(
     sheets: Sheets, language: Language, token: str, names: tuple[str, ...] = LOOPBACK
 ) -> Starlette:
-    """Return the page for holders of the token; ``names`` are the host names at which it answers
-    (DNS rebinding).
+    """Return the application of the page for holders of the token. ``names`` are the host names at
+    which the page answers; other names are refused because of DNS rebinding.
     """
     access = Access(token, lambda _address, _count: None)
 
@@ -125,13 +127,13 @@ def create_app(
 
 
 def serve(app: Starlette, host: str, port: int) -> None:
-    """Serve until Ctrl-C."""
+    """Serve the page until Ctrl-C."""
     uvicorn.run(app, host=host, port=port, log_level="warning", server_header=False)
 
 
 async def _let_in(request: Request, access: Access) -> Response:
-    """Return the answer that leads a browser with the right token to the same page with a cookie;
-    the token is removed from its address.
+    """Return the redirection for a browser with the right token: to the same page, without the
+    token in the address, and with a cookie.
     """
     if not await access.is_token(request, request.query_params["token"]):
         return _plain(message("wrong-token"), 401)

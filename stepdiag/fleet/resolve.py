@@ -1,11 +1,11 @@
-"""The present solver for every archived survey: a task per survey, its result stored beside the old
-result.
+"""Every archived survey is solved again by the present solver: one task per survey. The new result
+is stored beside the old result.
 
 The tasks run in processes of this computer, connected by pipes without ports, or on the workers of
-a Dask scheduler by TLS with certificates on both sides: a scheduler runs any code from a client, so
-without a certificate every account of the computer could control it. A lost worker costs only its
-task, which another worker takes over; an ended run continues at its place, since a survey in the
-store is not computed again. Without a change of software the bytes are equal, which is a self-test.
+a Dask scheduler, connected by TLS with certificates on both sides. A scheduler runs any code from a
+client, so without certificates every account of the computer could control it. If a worker is lost,
+another worker takes over its task. After an interruption, a new run solves only the missing
+surveys. Without a change of software the bytes of the results are equal, which is a self-test.
 """
 
 import json
@@ -44,12 +44,14 @@ from stepdiag.fleet.tables import table_of, to_parquet
 from stepdiag.walls.confine import die_with_parent
 
 IN_FLIGHT = 200
-"""Number of surveys in the scheduler at a time, so that its memory does not grow with the store."""
+"""Number of surveys that are in the scheduler at a time; the limit keeps its memory independent of
+the size of the store.
+"""
 RETRIES = 3
-"""Number of new tries of a survey after the loss of its worker or of the store."""
+"""Number of repetitions for a survey whose worker, or whose store, was lost."""
 ROUNDING = 0.002
-"""Tolerance for the same readings: a larger difference (um, urad, um/m) exceeds the last written
-digit.
+"""Tolerance (um, urad, um/m) between two results of the same readings: a larger difference exceeds
+the last written digit.
 """
 WORKER_MEMORY = 2 * 10**9
 """Largest memory of a worker of this computer in bytes."""
@@ -59,8 +61,8 @@ PATIENCE_S = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solved:
-    """The outcome for a survey; ``changed`` holds the changed figures, ``reason`` the reason for a
-    missing result, or the survey file behind the result.
+    """The outcome of solving a survey again. ``changed`` holds the changed figures. ``reason`` is
+    the reason for a missing result, or the survey file that replaced the one in the logs.
     """
 
     place: Place
@@ -69,7 +71,7 @@ class Solved:
     reason: Words = ""
 
     def as_json(self) -> dict[str, Any]:
-        """Return the outcome for programs."""
+        """Return the outcome as JSON types, for programs."""
         return {
             "survey": self.place.folder,
             "outcome": self.outcome,
@@ -90,8 +92,8 @@ def open_surveys(store: Store, machine: str = "") -> list[Place]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scheduler:
-    """A Dask scheduler, ``tls://HOST:PORT``, and the files (PEM) with which both sides prove their
-    identity.
+    """A Dask scheduler, ``tls://HOST:PORT``, and the certificate files (PEM) by which both sides
+    prove their identity.
     """
 
     address: str
@@ -163,9 +165,7 @@ def resolve(
 def _solved_here(
     store: Store, places: Sequence[Place], workers: int, survey: str
 ) -> Iterator[Solved]:
-    """Solve surveys on several threads of this computer, each of which waits for its own
-    process.
-    """
+    """Solve surveys on several threads of this computer; each thread waits for its own process."""
     lanes: SimpleQueue[_Lane] = SimpleQueue()
     for _ in range(workers):
         lanes.put(_Lane())
@@ -193,13 +193,13 @@ def _in_a_lane(
 
 
 class _Lane:
-    """A lost process is replaced, and its survey begins again."""
+    """Start a new process after the loss of one, and begin its survey again."""
 
     def __init__(self) -> None:
         self._process: ProcessPoolExecutor | None = None
 
     def solve(self, address: str, place: Place, survey: str) -> Solved:
-        """Solve a survey; a survey that ends every process has failed."""
+        """Solve a survey; if every process that solves this survey ends, the survey has failed."""
         for _ in range(1 + RETRIES):
             if self._process is None:
                 self._process = ProcessPoolExecutor(
@@ -212,7 +212,7 @@ class _Lane:
         return _lost(place)
 
     def close(self) -> None:
-        """End the process."""
+        """End the process of this thread."""
         if self._process is not None:
             self._process.shutdown()
             self._process = None
@@ -222,7 +222,7 @@ def _begin_worker() -> None:
     die_with_parent()
     signal.signal(
         signal.SIGINT, signal.SIG_IGN
-    )  # Ctrl-C ends the command, after the surveys that are being solved
+    )  # Ctrl-C ends the command after the surveys that are being solved
     resource.setrlimit(resource.RLIMIT_DATA, (WORKER_MEMORY, WORKER_MEMORY))
 
 
@@ -235,8 +235,8 @@ def _lost(place: Place) -> Solved:
 
 
 def _outcome(future: Any, place: Place) -> Solved:
-    """Return the outcome of a task; a survey that ends every worker has failed, without ending the
-    run.
+    """Return the outcome of a task. If every worker that solves the survey ends, the survey has
+    failed, and the run continues.
     """
     try:
         solved: Solved = future.result()
@@ -248,8 +248,8 @@ def _outcome(future: Any, place: Place) -> Solved:
 def solve_anew(
     address: str, at: tuple[str, str, str, str] | Place, survey: str = ""
 ) -> Solved:
-    """Solve a survey of a store again and write the differences beside it; a failure is reported,
-    not raised.
+    """Solve a survey of a store again and write the new result into the store; a failure is
+    returned as an outcome, not raised.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     place, store = Place(*at), Store(address)
@@ -277,8 +277,8 @@ def solve_anew(
 
 
 def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | None:
-    """Return a file with the survey that replaces the survey in a log; None if the log's own survey
-    is readable, because it states the drive of the survey.
+    """Return a file with the survey that replaces the unreadable survey file in a log. None if the
+    survey file in the log is readable: it then describes how the survey was driven.
 
     Raises UsageError for an invalid survey, DataError for a survey of another machine.
     """
@@ -297,8 +297,8 @@ def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | Non
 
 
 def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
-    """Write the new result and its numbers; return the figures that differ by more than rounding:
-    the readings are the same.
+    """Write the new result and the table of its numbers; return the figures that differ by more
+    than rounding from the old result of the same readings.
     """
     after = parse_result(new, RESULT)
     here = place._replace(software=after.software.version)
@@ -342,5 +342,5 @@ def _fetched(store: Store, place: Place, folder: Path) -> Path:
 
 
 def as_json(solved: Sequence[Solved]) -> str:
-    """Return the outcomes of all surveys, for programs."""
+    """Return the outcomes of all surveys as JSON types, for programs."""
     return json.dumps([each.as_json() for each in solved], indent=2)

@@ -1,5 +1,6 @@
-"""A result as tidy rows: one number with its uncertainty a row, the same columns for every
-quantity."""
+"""A result as a table: each row has one number and its uncertainty, with the same columns for every
+quantity.
+"""
 
 import json
 from collections.abc import Iterator
@@ -17,20 +18,21 @@ from stepdiag.comparing.alike import common_share, standing_of
 from stepdiag.conclusion.intervals import reach_in
 
 RMS, LARGEST = "volumetric-rms", "volumetric-largest"
-"""The volumetric error without rigid motion, over the survey's own volume (contract 4,
-``predicted``)."""
+"""Names of the volumetric errors without rigid motion, over the volume of the survey (contract 4,
+``predicted``).
+"""
 SCALE = "scale-"
 _MOMENT = "%Y-%m-%d %H:%M UTC"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """A number of a result. ``axis`` is the moving axis, empty for a squareness; ``u`` is at ``k``
-    = 1, None if not stated.
+    """A number of a result. ``axis`` is the moving axis, empty for a squareness. ``u`` is the
+    standard uncertainty (``k`` = 1), None if not stated.
 
     ``u_common`` is the part of ``u`` common to all surveys with the same instruments. ``low`` and
-    ``high`` are the ends (k = 2) of a figure whose interval is skewed: ``u`` is a quarter of its
-    width then.
+    ``high`` are the ends (k = 2) of a skewed interval; ``u`` is then a quarter of the width of the
+    interval.
     """
 
     quantity: str
@@ -47,8 +49,8 @@ class Row:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class About:
-    """The common columns of all rows of a result; ``event`` names an event at the machine before
-    the survey, ``conditions`` is JSON.
+    """The columns that are equal in all rows of a result; ``event`` names an event at the machine
+    before the survey, ``conditions`` is JSON.
     """
 
     machine: str
@@ -61,8 +63,8 @@ class About:
 
 
 def about(result: Result, survey: str) -> About:
-    """Return the facts of a result; ``survey`` is its name in the archive. Raises DataError where
-    machine or time is missing.
+    """Return the facts about a result for its rows; ``survey`` is the name of the survey in the
+    archive. Raises DataError where machine or time is missing.
     """
     facts = result.survey or Facts()
     if not facts.machine.strip():
@@ -84,8 +86,9 @@ def about(result: Result, survey: str) -> About:
 
 
 def rows_of(result: Result) -> Iterator[Row]:
-    """Yield every number that the result identifies: functions, squareness, scale, volumetric
-    error."""
+    """Yield the rows of every number that the result identifies: functions, squareness, scale,
+    volumetric error.
+    """
 
     def common(name: str, u: float | None) -> float | None:
         return (
@@ -181,8 +184,8 @@ def _time(facts: Facts, source: str) -> datetime:
 
 
 def _conditions(result: Result, facts: Facts) -> dict[str, Any]:
-    """Return the sensors' extremes, the active compensation (the beginning of its hashes), and the
-    facts for comparison.
+    """Return the conditions of a result: the extremes of the sensors, the active compensation (the
+    beginning of its hashes), and the facts for comparisons.
     """
     hashes = sorted(each.sha256[:12] for each in facts.active_files)
     return {

@@ -1,4 +1,4 @@
-"""A quantity of a machine over time, and which of its surveys can be compared."""
+"""A quantity of a machine over time, and the choice of the surveys that can be compared."""
 
 import json
 import math
@@ -16,19 +16,19 @@ from stepdiag.fleet.rows import LARGEST, RMS
 
 Array = NDArray[np.float64]
 EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)
-"""Oldest possible time: a clock that was never set shows 1970 or 1980."""
+"""Oldest possible time of a survey: a clock that was never set shows 1970 or 1980."""
 AHEAD = timedelta(days=2)
-"""Tolerance for a clock in another time zone and a slow clock; a survey from later than this is
-dated wrongly.
+"""A survey with a later time than this after now has a wrong date; the tolerance allows for another
+time zone and a slow clock.
 """
 OF_VOLUME = (RMS, LARGEST)
-"""Quantities with another meaning in another volume."""
+"""Quantities that depend on the size of the measured volume."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
     """One survey; ``active`` are the hashes of the loaded tables, ``standing`` decides with which
-    surveys it is compared.
+    other surveys this survey is compared.
     """
 
     time: datetime
@@ -40,8 +40,8 @@ class Survey:
 
 
 class Point(NamedTuple):
-    """One quantity in one survey in the form for a person; ``u`` is None without a stated one,
-    ``low`` and ``high`` NaN for an even interval.
+    """The figure of a quantity in a survey, as a person reads it. ``u`` is None if no uncertainty
+    is stated; ``low`` and ``high`` are NaN for a symmetric interval.
     """
 
     survey: Survey
@@ -52,12 +52,12 @@ class Point(NamedTuple):
 
     @property
     def time(self) -> datetime:
-        """Return when the survey ended."""
+        """Return the time at which the survey ended."""
         return self.survey.time
 
     def interval(self) -> tuple[float, float]:
-        """Return the magnitudes between which the figure lies at k = 2; twice the figure itself
-        without a stated uncertainty.
+        """Return the least and the largest magnitude of the figure at k = 2; both are the magnitude
+        of the value if no uncertainty is stated.
         """
         if math.isfinite(self.low) and math.isfinite(self.high):
             return self.low, self.high
@@ -67,12 +67,12 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Series:
-    """One quantity of one machine, oldest first: ``values`` and ``u`` at its nodes, shapes
-    (surveys, nodes), NaN for missing values.
+    """A quantity of a machine over its surveys, oldest first: ``values`` and ``u`` at the nodes,
+    shapes (surveys, nodes), NaN for missing values.
 
-    ``common`` is the share of u that surveys with the same instruments have in common, ``shown``
-    the figures for a person: value, u, low, high. ``other`` is the reason why these surveys are
-    separate from the others of the machine, None for those that are compared.
+    ``common`` is the share of u that is common to surveys with the same instruments. ``shown``
+    holds the figures as a person reads them: value, u, low, high. ``other`` is the reason why these
+    surveys are separate from the others of the machine, None for the surveys that are compared.
     """
 
     machine: str
@@ -88,18 +88,18 @@ class Series:
 
     @property
     def points(self) -> tuple[Point, ...]:
-        """Return the figures in the form for a person."""
+        """Return the figure of each survey."""
         return tuple(map(self.point, range(len(self.surveys))))
 
     def point(self, number: int) -> Point:
-        """Return one figure in the form for a person."""
+        """Return the figure of the survey with this number."""
         value, u, low, high = self.shown[number].tolist()
         return Point(self.surveys[number], value, None if np.isnan(u) else u, low, high)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeftOut:
-    """A survey that is in no series, and the reason."""
+    """A survey that is in no series, and the reason for this."""
 
     machine: str
     name: str
@@ -108,8 +108,8 @@ class LeftOut:
 
 
 def stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
-    """Return the hashes of the active tables and the facts of the result; empty for missing parts
-    or another type.
+    """Return the hashes of the active tables and the facts of the result, from the conditions of a
+    row; empty for missing parts or parts of another type.
     """
     try:
         stated = json.loads(conditions)
@@ -129,7 +129,9 @@ def stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
 
 
 def _typed(value: Any, usual: Any) -> Any:
-    """Return a value if it has the type of the usual one; a list becomes a tuple."""
+    """Return a value if it has the type of the default value, otherwise the default; a list becomes
+    a tuple.
+    """
     if isinstance(usual, tuple):
         return (
             tuple(value)
@@ -146,7 +148,9 @@ Groups = list[tuple[dict[int, Survey], Message | None]]
 def parted(
     machine: str, surveys: Mapping[int, Survey], now: datetime
 ) -> tuple[Groups, list[LeftOut]]:
-    """Return the surveys that can be compared, the newest's first, and the surveys left out."""
+    """Return groups of surveys that can be compared, the group of the newest survey first, and the
+    surveys in no group.
+    """
     kept: dict[int, Survey] = {}
     left_out = []
     for key, each in surveys.items():
@@ -185,7 +189,9 @@ def middle_of(shown: Array) -> Array:
 
 
 def by_volume(series: Series) -> Iterator[Series]:
-    """Yield a figure of the volume separately for each volume, the newest's first."""
+    """Yield the series of a volumetric figure separately for each measured volume, the series of
+    the newest survey first.
+    """
     left = list(range(len(series.surveys)))
     newest = series.surveys[-1].standing
     while left:

@@ -1,5 +1,5 @@
-"""The store: files below a folder, a network share or a bucket, written completely, once, and never
-changed.
+"""The store: files below a folder, on a network share or in a bucket; each file is written
+completely, once, and never changed.
 
     stepdiag-store.json                            which layout
     machine=<id>/year=<y>/<survey>/...             the files of a survey, and their hashes in
@@ -12,7 +12,7 @@ changed.
 
 Every byte behind a figure belongs to a hash that is compared: `archived.json` states the hash of
 the survey's files and of its table, and has a canonical form itself; the index begins with the hash
-of the rest.
+of its remaining bytes.
 
 Two writers at once do not disturb each other: they write under different names, and rename. Names
 of machines are percent-encoded.
@@ -43,18 +43,18 @@ MARK, INDEX, LISTED = "stepdiag-store.json", "series.index", "archived.json"
 LISTED_FORMAT, LISTED_VERSION = "stepdiag-archived", 1
 TABLE_SUFFIX = ".parquet"
 LARGEST_JSON_BYTES = 4_000_000
-"""Largest size as a list of files: 20,000 names with their hashes. Parsing takes up to thirty times
-as much memory.
+"""Largest size in bytes of a JSON file: a list of 20,000 names with their hashes. Parsing takes up
+to thirty times as much memory.
 """
 LARGEST_FILE_BYTES = 4_000_000_000
-"""Largest size of a survey's file: it is copied and hashed piece by piece."""
+"""Largest size in bytes of a survey's file, which is copied and hashed piece by piece."""
 _PIECE_BYTES = 1_000_000
 INDEX_REMEDY = message("remove-table")
 _SHA256 = re.compile("[0-9a-f]{64}")
 
 
 def sha256(data: bytes) -> str:
-    """Return the SHA-256 of a file in hexadecimal."""
+    """Return the SHA-256 of bytes in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -67,8 +67,8 @@ class Listed(NamedTuple):
 
 
 class Place(NamedTuple):
-    """The place of a survey in the store; ``software`` is the version that solved it again, empty
-    for the archived result.
+    """The place of a survey in the store; ``software`` is the version of the program that solved
+    the survey again, empty for the archived result.
     """
 
     machine: str
@@ -84,18 +84,18 @@ class Place(NamedTuple):
 
     @property
     def table(self) -> str:
-        """Return the file of the survey's numbers."""
+        """Return the path of the table with the survey's numbers."""
         return self.folder + TABLE_SUFFIX
 
     @property
     def listed(self) -> str:
-        """Return the list of the survey's files with their hashes."""
+        """Return the path of the list of the survey's files with their hashes."""
         return f"{self.folder}/{LISTED}"
 
 
 def manifest_of(place: Place, files: Mapping[str, str], table: str) -> bytes:
-    """Return the list of a survey's files with their SHA-256; ``table`` is the hash of its numbers,
-    empty in lists by older versions.
+    """Return the list of a survey's files with their SHA-256; ``table`` is the hash of the survey's
+    table, empty in lists by older versions.
     """
     stated = {"table": table} if table else {}
     manifest = {
@@ -109,8 +109,8 @@ def manifest_of(place: Place, files: Mapping[str, str], table: str) -> bytes:
 
 
 def sealed(data: bytes) -> bytes:
-    """Return bytes preceded by their own hash, in a single file, so that no reader can combine it
-    with the hash of another writer.
+    """Return bytes preceded by their own hash: in a single file, hash and bytes always come from
+    the same writer.
     """
     return sha256(data).encode() + b"\n" + data
 
@@ -129,7 +129,9 @@ def unsealed(data: bytes, name: str) -> bytes:
 
 
 class Store:
-    """One store. Every failure of the place itself is a UsageError with the name of the file."""
+    """One store. An error of its folder, share or bucket is a UsageError with the name of
+    the file.
+    """
 
     def __init__(self, address: str, *, create: bool = False) -> None:
         """Open a store: a folder, or an address for fsspec. Raises UsageError where there is no
@@ -151,13 +153,13 @@ class Store:
         return f"{self.root}/{name}"
 
     def exists(self, name: str) -> bool:
-        """Return whether a file is there."""
+        """Return whether the store contains a file."""
         with refusing(name):
             return bool(self._files.exists(self.path(name)))
 
     def read(self, name: str, *, largest: int = LARGEST_BYTES) -> bytes:
-        """Return a file. Raises DataError, before reading, for a file of more than ``largest``
-        bytes.
+        """Return the bytes of a file. Raises DataError, before reading, for a file of more than
+        ``largest`` bytes.
         """
         with refusing(name):
             size = self._files.size(self.path(name))
@@ -171,8 +173,8 @@ class Store:
             return bytes(self._files.cat_file(self.path(name)))
 
     def copied(self, name: str, target: Path | None = None) -> str:
-        """Return the SHA-256 of a file, read piece by piece; a copy goes to ``target``. Raises
-        DataError for a file too large.
+        """Return the SHA-256 of a file, read piece by piece; the bytes are copied to ``target``.
+        Raises DataError for a file too large.
         """
         found, size = hashlib.sha256(), 0
         with (
@@ -195,14 +197,14 @@ class Store:
 
     def write(self, name: str, data: bytes, *, anew: bool = True) -> None:
         """Write a file completely or not at all, synced to the disk on return; unless ``anew``, a
-        file written meanwhile is kept.
+        file that another writer has written meanwhile is kept.
         """
         target = self.path(name)
         with refusing(name):
             if not self.is_local:
                 self._files.pipe_file(
                     target, data
-                )  # an object appears only when it is complete
+                )  # in a bucket an object appears only when it is complete
                 return
             Path(target).parent.mkdir(parents=True, exist_ok=True)
             with part_of(Path(target)) as folder:
@@ -213,10 +215,10 @@ class Store:
     def write_checked(
         self, name: str, data: bytes, meaning: Callable[[bytes], str] = sha256
     ) -> bytes:
-        """Write a file, read it back and return its bytes; an existing file with the same meaning
-        is kept with its bytes, unless replaced.
+        """Write a file, read it back and return its bytes. An existing file with the same meaning
+        is kept, unless it is to be replaced.
 
-        Raises DataError if another file is there, or comes back.
+        Raises DataError if the existing file has another meaning, or if other bytes are read back.
         """
         wanted = meaning(data)
         if not self.exists(name):
@@ -248,8 +250,8 @@ class Store:
         return (tuple(self.tables()), *stamps)
 
     def tables(self) -> list[Place]:
-        """Return every complete survey, by machine, year and name; results that were solved again
-        follow the archived ones.
+        """Return the place of every complete survey, by machine, year and name; results that were
+        solved again follow the archived result of their survey.
         """
         with refusing(self.address):
             known = (
@@ -257,11 +259,13 @@ class Store:
                 if self.is_local
                 else self._files.glob(f"{self.root}/machine=*/year=*/*{TABLE_SUFFIX}")
             )
-            found = list(known)  # a folder is read here, where a refusal names it
+            found = list(known)  # this step reads a folder, so that an error names the folder
         return sorted(map(_place_of_path, map(str, found)))
 
     def json(self, name: str) -> Any:
-        """Return a JSON file of ours. Raises DataError where the list is invalid."""
+        """Return the contents of a JSON file that this program wrote. Raises DataError where the
+        contents are invalid.
+        """
         data = self.read(name, largest=LARGEST_JSON_BYTES)
         try:
             return json.loads(data)
@@ -274,7 +278,7 @@ class Store:
         """Return the hashes of a survey's files and table. A survey solved again by an older
         version has none.
 
-        Raises DataError where the list is not, to the byte, as it is written.
+        Raises DataError where the bytes of the list are not those that this program writes.
         """
         if place.software and not self.exists(place.listed):
             return Listed({}, "")
@@ -329,8 +333,8 @@ class Store:
 
 @contextmanager
 def refusing(name: str) -> Iterator[None]:
-    """Report why the place of the store refuses: full, absent, not allowed, or an unknown kind of
-    address.
+    """Raise UsageError with the reason why the store cannot be used: full, absent, not allowed, or
+    an unknown kind of address.
     """
     try:
         yield
@@ -352,7 +356,7 @@ def _is_hash(text: object) -> bool:
 
 
 def _local_tables(root: Path) -> Iterator[str]:
-    """Yield the same paths as the glob, in a tenth of its time: only the names in a folder are
+    """Yield the same paths as a glob in a tenth of the time, because only the names in a folder are
     read.
     """
     for machine in _names(root, "machine="):
@@ -380,7 +384,7 @@ def _place_of_path(path: str) -> Place:
 
 
 def _publish(part: Path, target: Path, *, anew: bool) -> None:
-    """Rename a written file; if the share has links, another writer's file with this name is
+    """Give a written file its name; on a share with links, an existing file of another writer is
     kept.
     """
     if not anew:
@@ -390,7 +394,7 @@ def _publish(part: Path, target: Path, *, anew: bool) -> None:
             return
         except (
             OSError
-        ):  # a share without links; the present contents are read back and compared
+        ):  # on a share without links, the present contents are read back and compared
             pass
         else:
             return

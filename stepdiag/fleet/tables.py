@@ -27,7 +27,9 @@ from stepdiag.fleet.rows import About, Row, about, rows_of
 from stepdiag.fleet.store import INDEX, Place, Store, sha256, unsealed
 
 VERSION, OLDEST = "2", "1"
-"""Tables of version 1 lack the columns from `u_common` on."""
+"""Version of the tables that are written, and oldest version that can be read; tables of version 1
+lack the columns from `u_common` on.
+"""
 _MARK, _RESULT, _WRITER = b"stepdiag-rows", b"stepdiag-result-sha256", b"stepdiag-arrow"
 _WORD = pa.dictionary(pa.int32(), pa.string())
 SCHEMA = pa.schema(
@@ -54,7 +56,7 @@ SCHEMA = pa.schema(
 COLUMNS = tuple(SCHEMA.names)
 _BY = "parquet-cpp-arrow version "
 PLACE = "place"
-"""The last column of a point: the folder of its survey."""
+"""Name of the last column of the index: the folder of the survey."""
 _LIST = pa.list_(pa.float32())
 _OF_SURVEY = ("survey", "time", "event", "conditions", "software")
 INDEX_SCHEMA = pa.schema(
@@ -79,19 +81,20 @@ INDEX_SCHEMA = pa.schema(
         (PLACE, _WORD),
     ]
 )
-"""``value``, ``u``, ``low``, ``high``: the figures of a table; ``common``: the share of u common to
-surveys with the same instruments.
+"""Columns of the index. ``value``, ``u``, ``low``, ``high``: the figures as a person reads them;
+``common``: the share of u common to surveys with the same instruments.
 """
 MOST_ROWS = 300_000
-"""A survey of every kind of setup has a few thousand rows, a single axis at most as many as its
-readings.
+"""Largest number of rows of a survey's table. A survey with every kind of setup has a few thousand
+rows, a single axis at most as many as its readings.
 """
 MOST_POINTS_A_SURVEY = 100
-"""A result has 18 functions, 3 squarenesses, 3 scales and 2 figures of the volume: 26
-quantities."""
+"""Largest number of rows of a survey in the index. A result has 18 functions, 3 squarenesses, 3
+scales and 2 figures of the volume: 26 quantities.
+"""
 LARGEST_POINT_BYTES = 4000
-"""Each point is stored with the conditions of its survey, and a function with its nodes: three
-numbers each.
+"""Largest size of a row of the index in bytes: the conditions of the survey, and for a function
+three numbers per node.
 """
 _REQUIRED = [field.name for field in SCHEMA if field.type == _WORD] + [PLACE, "time", "value"]
 _EARLIEST, _LATEST = (
@@ -110,7 +113,7 @@ def table_of(about: About, rows: Sequence[Row]) -> pa.Table:
 
 def index_of(tables: Sequence[tuple[pa.Table, str]]) -> pa.Table:
     """Return the quantities of results as a table of `INDEX_SCHEMA`; each table of rows is given
-    with the folder of its survey.
+    together with the folder of its survey.
     """
     found = [row for table, folder in tables for row in _quantities(table, folder)]
     return pa.table(
@@ -158,8 +161,8 @@ def _shown(values: Sequence[float], us: Sequence[float | None]) -> tuple[float, 
 
 
 def to_parquet(table: pa.Table, result: str = "") -> bytes:
-    """Return the bytes of a table: the same for the same rows. ``result`` is the SHA-256 of the
-    result of the rows.
+    """Return the bytes of a Parquet file: the same for the same rows. ``result`` is the SHA-256 of
+    the result from which the rows come.
     """
     out = io.BytesIO()
     with pq.ParquetWriter(
@@ -178,8 +181,8 @@ def to_parquet(table: pa.Table, result: str = "") -> bytes:
 
 
 def result_named(data: bytes) -> str:
-    """Return the SHA-256 of the result named by a table; empty without one. Raises DataError for a
-    damaged table.
+    """Return the SHA-256 of the result from which a table was made; empty if the table does not
+    name it. Raises DataError for a damaged table.
     """
     with _damage_named("parquet"):
         return (
@@ -188,8 +191,8 @@ def result_named(data: bytes) -> str:
 
 
 def written_by_another(data: bytes) -> bool:
-    """Return whether another version of the library wrote a table, so that the bytes of equal rows
-    differ; the file states its version twice.
+    """Return whether another version of the library wrote a Parquet file, so that its bytes differ
+    for equal rows; the file states the version twice.
     """
     with _damage_named("parquet"):
         metadata = pq.read_metadata(pa.BufferReader(data))
@@ -205,8 +208,8 @@ def _known(metadata: pq.FileMetaData) -> dict[bytes, bytes]:
 
 
 def read_table(store: Store, place: Place) -> pa.Table:
-    """Return the rows of a survey, a table of `SCHEMA`, whose bytes have the hash in the list of
-    its files.
+    """Return the rows of a survey as a table of `SCHEMA`; the hash of its bytes is compared with
+    the list of the survey's files.
 
     Without a hash (older versions), the rows are compared with the rows of its result. Raises the
     DataError of `from_parquet` and `Store.listed`, also for other bytes or rows.
@@ -239,13 +242,15 @@ def _rows_in(store: Store, place: Place, stated: str) -> pa.Table:
 
 
 def rows_from(result: bytes, place: Place) -> pa.Table:
-    """Return the rows of a result in the store. Raises DataError for an unreadable result."""
+    """Return the rows made from the result of a survey in the store. Raises DataError for an
+    unreadable result.
+    """
     read = parse_result(as_text(result, f"{place.folder}/{RESULT}"), RESULT)
     return table_of(about(read, place.survey), list(rows_of(read)))
 
 
 def read_index(store: Store, surveys: int) -> pa.Table:
-    """Return the points of a store with the given number of surveys, a table of `INDEX_SCHEMA`.
+    """Return the index of a store with the given number of surveys, a table of `INDEX_SCHEMA`.
     Raises the DataError of `from_parquet`.
     """
     most = MOST_POINTS_A_SURVEY * surveys
@@ -273,7 +278,7 @@ def from_parquet(
         ).read()
         table.validate(
             full=True
-        )  # words that are not UTF-8 are read unchanged, and fail where they are used
+        )  # texts that are not UTF-8 are read unchanged, and fail where they are used
         for lacking in schema.names[len(table.schema.names) :]:
             table = table.append_column(
                 schema.field(lacking), pa.nulls(table.num_rows, schema.field(lacking).type)
@@ -368,8 +373,8 @@ def _require_values(table: pa.Table, name: str) -> None:
 
 
 def _as_long(lists: Mapping[str, pa.ChunkedArray]) -> bool:
-    """Return whether every quantity has the same number of uncertainties and values, and the same
-    number of positions or none.
+    """Return whether, in every row of the index, the lists of uncertainties and values have the
+    same length, and the list of positions has this length or none.
     """
     positions, values, us = (
         pc.list_value_length(lists[name]) for name in ("positions", "values", "us")
@@ -381,7 +386,7 @@ def _as_long(lists: Mapping[str, pa.ChunkedArray]) -> bool:
 
 
 def _all(holds: pa.ChunkedArray) -> bool:
-    """Return whether a condition is true for every value present."""
+    """Return whether a condition is true for every existing value of a column."""
     return pc.all(holds, min_count=0).as_py() is not False
 
 

@@ -1,4 +1,4 @@
-"""Trends for people at a terminal, for tables (CSV) and for programs (JSON)."""
+"""The trends of a store as tables for people at a terminal, as CSV, and as JSON for programs."""
 
 import csv
 import io
@@ -43,11 +43,11 @@ HEADER = (
 
 
 def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
-    """Return a row per series: the last figure with its U, its trend, the time of leaving its
-    tolerance.
+    """Return a table with a row per series: the last figure with its U, the trend, the time of
+    leaving the tolerance.
 
-    If not ``whole``, only every machine's volumetric error and every changed or open series; the
-    caption states the number of the others.
+    If not ``whole``, the table has only the volumetric error of every machine and the series that
+    changed or are undecided; the caption states the number of the others.
     """
     rows = trends if whole else [each for each in trends if _worth_a_row(each)]
     caption = (
@@ -119,7 +119,7 @@ def _day_of_leaving(trend: Trend) -> str:
 
 
 def as_csv(trends: Sequence[Trend]) -> str:
-    """Return every figure of the series, one a row; U is at k = 2."""
+    """Return every figure of the series, one row per figure; U is at k = 2."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(HEADER)
@@ -128,8 +128,8 @@ def as_csv(trends: Sequence[Trend]) -> str:
 
 
 def as_json(trends: Sequence[Trend], left_out: Sequence[LeftOut]) -> dict[str, Any]:
-    """Return the series with their trends, and the quantities left out, for programs; every U is at
-    k = 2.
+    """Return the series with their trends, and the surveys in no series, as JSON types for
+    programs; every U is at k = 2.
     """
     return {
         "series": [_series_json(each) for each in trends],
@@ -223,7 +223,7 @@ def _trend_rows(trends: Sequence[Trend]) -> Iterator[tuple[object, ...]]:
 
 
 def _safe(words: str) -> str:
-    """Return a text in a form that a spreadsheet shows without computing it."""
+    """Return a text in a form that a spreadsheet does not take for a formula."""
     return f"'{words}" if words.startswith(("=", "+", "-", "@", "\t")) else words
 
 

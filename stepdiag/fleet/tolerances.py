@@ -25,20 +25,20 @@ Largest = Annotated[float, Meta(gt=0, le=1e6)]
 
 
 class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The largest magnitude allowed, by quantity, in its unit; a machine's own has priority over
-    that of all.
+    """The largest magnitude allowed for each quantity, in the unit of the quantity; the tolerance
+    of a single machine has priority over that of all machines.
     """
 
     all: dict[str, Largest] = field(default_factory=dict)
     machine: dict[str, dict[str, Largest]] = field(default_factory=dict)
 
     def of(self, machine: str, quantity: str) -> float | None:
-        """Return the tolerance of a quantity of a machine, None where none is stated."""
+        """Return the tolerance of a quantity of a machine, None where no tolerance is stated."""
         return self.machine.get(machine, {}).get(quantity, self.all.get(quantity))
 
     def together_with(self, given: Mapping[str, float]) -> "Tolerances":
-        """Return these tolerances together with others, given outside the file, for every
-        machine.
+        """Return these tolerances together with other tolerances that were given outside the file
+        for every machine.
         """
         own = {
             name: {quantity: value for quantity, value in of.items() if quantity not in given}
@@ -48,9 +48,9 @@ class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def tolerances_in(store: Store) -> Tolerances:
-    """Return the contents of the store's file, empty without a file. Raises UsageError for an
-    invalid file. Raises DataError if the hash beside it differs (``sha256sum tolerances.toml >
-    tolerances.toml.sha256``).
+    """Return the tolerances in the store's file, empty without a file. Raises UsageError for an
+    invalid file. Raises DataError if the hash beside the file differs (``sha256sum tolerances.toml
+    > tolerances.toml.sha256``).
     """
     if not store.exists(FILE):
         return Tolerances()
@@ -67,8 +67,8 @@ def tolerances_in(store: Store) -> Tolerances:
 
 
 def require_known(tolerances: Tolerances, series: Sequence[Series], source: str) -> None:
-    """Raise UsageError for a quantity that no machine of the store has: a mistyped word would have
-    no effect.
+    """Raise UsageError for a tolerance of a quantity that no machine of the store has: a mistyped
+    name would have no effect.
     """
     known = {each.quantity for each in series}
     unknown = sorted(
@@ -86,8 +86,8 @@ def require_known(tolerances: Tolerances, series: Sequence[Series], source: str)
 def _require_of(
     machine: str, of: Mapping[str, float], series: Sequence[Series], source: str
 ) -> None:
-    """Raise UsageError for a machine missing in the store, and for a quantity missing in the
-    machine.
+    """Raise UsageError for a tolerance of a machine that is not in the store, or of a quantity that
+    the machine does not have.
     """
     own = {each.quantity for each in series if each.machine == machine}
     if not own:

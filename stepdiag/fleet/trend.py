@@ -1,8 +1,8 @@
 """Changes of each machine of a store, their time and cause; and the time at which a figure leaves
 its tolerance.
 
-The model of a machine over time: `stepdiag.comparing.evolution`. A date of leaving comes only from
-an accepted line towards the tolerance.
+`stepdiag.comparing.evolution` describes the model of a machine over time. A figure has a date of
+leaving its tolerance only if the model contains an accepted line towards the tolerance.
 """
 
 import math
@@ -35,7 +35,7 @@ from stepdiag.texts.texts import UNITS
 Array = NDArray[np.float64]
 YEAR = timedelta(days=365.25)
 LATEST = datetime(2200, 1, 1, tzinfo=UTC)
-"""Time in the future beyond which a date is no information about a machine."""
+"""Latest date that is given: a later date contains no information about a machine."""
 STATES = ("yes", "perhaps", "no")
 CONFORMITY: dict[str, Conforming] = {
     "yes": "not_conform",
@@ -46,8 +46,9 @@ CONFORMITY: dict[str, Conforming] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaving:
-    """The time at which the line reaches the tolerance, and its interval at k = 2; None means not
-    before `LATEST`. ``tolerance`` is negative if the line falls towards the negative limit.
+    """The time at which the line of a series reaches the tolerance, and the interval of this time
+    at k = 2; None means not before `LATEST`. ``tolerance`` is negative if the line falls towards
+    the negative limit.
     """
 
     tolerance: float
@@ -60,9 +61,8 @@ class Leaving:
 class Trend:
     """The trend of a series.
 
-    ``outside`` is None without a tolerance; otherwise it states whether the last survey is
-    certainly outside ("yes"), "perhaps", or "no". A figure without a stated uncertainty counts as
-    perhaps outside.
+    ``outside`` states whether the last figure is outside its tolerance: "yes", "perhaps" or "no";
+    None without a tolerance. A figure without a stated uncertainty counts as perhaps outside.
     """
 
     series: Series
@@ -73,7 +73,7 @@ class Trend:
 
     @property
     def last(self) -> Point:
-        """Return the newest survey's figure."""
+        """Return the figure of the newest survey."""
         return self.series.point(-1)
 
     @property
@@ -83,21 +83,23 @@ class Trend:
 
     @property
     def verdict(self) -> Verdict:
-        """Return whether the quantity changed."""
+        """Return the verdict on the quantity: changed, unchanged or undecided."""
         return self.explained.verdict
 
     @property
     def line(self) -> Course | None:
-        """Return the line that still continues, None without one."""
+        """Return the line in the quantity's course that still continues, None without a line."""
         return next((each for each in self.explained.courses if each.kind == "line"), None)
 
     @property
     def steps(self) -> tuple[Course, ...]:
-        """Return the changes at once."""
+        """Return the sudden changes of the quantity (steps)."""
         return tuple(each for each in self.explained.courses if each.kind == "step")
 
     def cause(self, course: Course) -> Message | str:
-        """Return the events in the time in which a step lies; empty if no survey names an event."""
+        """Return the events in the time in which a step can lie; empty if no survey names an
+        event.
+        """
         surveys = self.series.surveys
         named = [
             surveys[at].event
@@ -134,7 +136,7 @@ def trends_of(
 def _of_machine(
     series: Sequence[Series], tolerance: Callable[[str, str], float | None]
 ) -> Iterator[Trend]:
-    """Yield the trends of the quantities of one machine, which are tested together."""
+    """Yield the trends of the quantities of one machine; all quantities are tested together."""
     surveys = sorted(
         {each.name: each for one in series for each in one.surveys}.values(),
         key=lambda each: (each.time, each.name),
@@ -158,7 +160,7 @@ def _of_machine(
         if moved and each.quantity in OF_VOLUME and own.verdict == "unchanged":
             own = Explained(
                 verdict="undecided", courses=()
-            )  # a part of it changed, by less than its own U shows
+            )  # a part of the volumetric error changed, by less than its own U shows
         allowed = tolerance(each.machine, each.quantity)
         yield Trend(
             series=each,
@@ -180,11 +182,12 @@ def _calendar(surveys: Sequence[Survey]) -> Calendar:
 
 
 def _own(series: Series) -> Array:
-    """Return the own uncertainties of each survey, shape (surveys, nodes).
+    """Return the part of the uncertainty that belongs to each single survey, shape (surveys,
+    nodes).
 
-    The common part of surveys with the same instruments is left out. Other instruments have another
-    common part: all of their surveys share one deviation, which has the effect of a deviation
-    sqrt(n) times as large in each of n surveys.
+    The part common to surveys with the usual instruments is left out. Surveys with other
+    instruments have another common part: a single deviation in n surveys, which has the effect of a
+    deviation sqrt(n) times as large in each of them.
     """
     common = series.common[:, None] * series.u
     squared = series.u**2 - common**2
@@ -200,8 +203,8 @@ def _own(series: Series) -> Array:
 
 
 def rank(trend: Trend) -> tuple[int, float]:
-    """Return a measure of how bad the last figure is: first whether it is beyond its tolerance,
-    then its ratio to the tolerance, or without one to its U.
+    """Return a measure of how bad the last figure of a trend is: first whether the figure exceeds
+    its tolerance, then its ratio to the tolerance, or without a tolerance its ratio to U.
     """
     last = trend.last
     scale = trend.tolerance or 2 * (last.u or 0.0)
@@ -212,11 +215,11 @@ def rank(trend: Trend) -> tuple[int, float]:
 def _leaving(
     series: Series, found: Explained, scattered: float, tolerance: float
 ) -> Leaving | None:
-    """Return the time at which the line, and its band at k = 2, will cross the tolerance; the
-    present for a date in the past.
+    """Return the time at which the line of a series, and its band at k = 2, will cross the
+    tolerance; the time of the last survey for a date in the past.
 
-    None without a line, or for a line away from the tolerance: a magnitude leaves only by growing.
-    With a season, the mean of the year is used.
+    None without a line, or for a line away from the tolerance: a magnitude can leave its tolerance
+    only by growing. If the quantity has a season, the mean over the year is used.
     """
     line = next((each for each in found.courses if each.kind == "line"), None)
     kept = np.isfinite(series.shown[:, 1]) & (series.shown[:, 1] > 0)
@@ -270,14 +273,14 @@ def _leaving(
             low, high = (low, middle) if beyond(middle) else (middle, high)
         return times[-1] + high * YEAR
 
-    latest = crossing(-2.0) if line.probability >= HELD else None  # the change may level off
+    latest = crossing(-2.0) if line.probability >= HELD else None  # else it may level off
     return Leaving(
         tolerance=limit, earliest=crossing(2.0), likely=crossing(0.0), latest=latest
     )
 
 
 def _centred(series: Series) -> Array:
-    """Return the shown figures; for a figure with a skewed interval its middle."""
+    """Return the figures as a person reads them; for a skewed interval, its middle."""
     middle = series.shown[:, 2:].mean(axis=1)
     centred: Array = np.where(np.isfinite(middle), middle, series.shown[:, 0])
     return centred
@@ -292,7 +295,7 @@ def _outside(last: Point, tolerance: float) -> str:
 
 
 def already_perhaps(trend: Trend) -> bool:
-    """Return whether the last figure, within its U, may already be outside the tolerance, so that
+    """Return whether the last figure may, within its U, already be outside the tolerance, so that
     no future date can be given.
     """
     likely = None if trend.leaving is None else trend.leaving.likely
@@ -300,8 +303,8 @@ def already_perhaps(trend: Trend) -> bool:
 
 
 def statements(trend: Trend) -> list[Message]:
-    """Return the trend of a quantity, a message for each change; only the verdict without a
-    change.
+    """Return the trend of a quantity in words: one message per change, or only the verdict if
+    nothing changed.
     """
     if trend.explained.courses:
         return [_statement(trend, each) for each in trend.explained.courses]

@@ -1,5 +1,5 @@
-"""The 4-DOF head alone: its runs, its record, its commissioning.
+"""The 4-DOF head without the other floors: its runs, its samples, its commissioning.
 
-In: logs or a port. Out: straightness and angles of an axis, calibration values. Imported by
-completion, head and cli.
+In: logs or a port. Out: straightness and angles of an axis, calibration values. `completion`,
+`head` and `cli` import this package.
 """

@@ -1,5 +1,6 @@
-"""From the passes of an autocollimator or a level to the rotations of an axis, by ISO 230-1 name
-and with their uncertainty."""
+"""Rotations of an axis from the passes of an autocollimator or a level, by ISO 230-1 name and with
+their uncertainty.
+"""
 
 from collections.abc import Sequence
 
@@ -14,16 +15,16 @@ from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.models import Head
 
 Turns = dict[str, tuple[Vector, Vector, Vector, Vector]]
-"""Position and value of every rotation, relative to the first position; the standard uncertainty of
-a pass, and the uncertainty common to all passes.
+"""The rotations measured in a pass: position and value of each, relative to the first position; its
+standard uncertainty in a single pass, and the uncertainty common to all passes.
 """
 
 
 def turns_of(section: Head, each: Pass) -> Turns:
     """Return the rotations of a pass that the survey file names for its axis (``head.angles.x``).
 
-    For an instrument on the workpiece side the sign is reversed. Raises DataError for stops with
-    another number of angles than are named.
+    For an instrument on the workpiece side the sign is reversed. Raises DataError for stops whose
+    number of angles differs from the number of names.
     """
     axis = each.route.travel.axis
     turns, run = section.angles.turns(axis), section.run_along(axis)
@@ -47,8 +48,9 @@ def turns_of(section: Head, each: Pass) -> Turns:
 
 
 def _columns(stops: Sequence[CapturedStop], wanted: int, name: str) -> tuple[Vector, Vector]:
-    """Return the angles of every stop in urad and the standard uncertainties of their means, shape
-    (stops, wanted)."""
+    """Return the angles at every stop in urad and the standard uncertainties of these means, shapes
+    (stops, wanted).
+    """
     sizes = {len(stop.channels) for stop in stops}
     if not sizes or min(sizes) < wanted or len(sizes) > 1:
         found = message("number-of-angles", names=list(map(str, sorted(sizes))))

@@ -1,4 +1,4 @@
-"""The head in the form of the solver, from its calibration file."""
+"""The 4-DOF head in the form for the solver, from the calibration file of the head."""
 
 import math
 
@@ -10,8 +10,8 @@ from stepdiag.solver.fourdof.head import Crosstalk, Head, Light
 
 
 def calibrated(file: HeadFile) -> Head:
-    """Return the head of a calibration file; its travel is then the distance. An absent field is
-    ideal.
+    """Return the head of a calibration file; its travel is then the distance. A field that the file
+    lacks has the ideal value.
     """
     lever = file.lever or LeverTable()
     return Head(

@@ -38,8 +38,8 @@ from stepdiag.solver.fourdof.statistics import (
 
 LATERAL: tuple[AxisName, AxisName] = ("x", "y")
 QD_TO_TARGET = 2.0
-"""A shift of the cube moves the spot by twice the shift; a turn of the mirror turns the beam by
-twice the turn (Feng 2.2, 2.3).
+"""Ratio of the spot's movement to that of the target: a shift of the cube moves the spot by twice
+the shift, a turn of the mirror turns the beam by twice the turn (Feng 2.2, 2.3).
 """
 Unit = Literal["um", "arcsec"]
 
@@ -47,8 +47,9 @@ Unit = Literal["um", "arcsec"]
 def stability_of(
     record: HeadRecord, file: HeadFile, distance_mm: float, interval_s: float
 ) -> dict[str, Stability]:
-    """Return the stability of ``straightness x``, ``.. y`` in um and ``angle x``, ``.. y`` in
-    arc-seconds over means of ``interval_s``."""
+    """Return the stability of ``straightness x``, ``straightness y`` in um and ``angle x``, ``angle
+    y`` in arc-seconds, over means of ``interval_s``.
+    """
     require_angles(record, "stability")
     require_measured(file, "stability")
     means = record.averaged(interval_s)
@@ -76,8 +77,9 @@ def stability_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageRun:
-    """A two-column run: the normalised reading of one detector axis and the reference in um (QD) or
-    arc-seconds (PSD)."""
+    """A run on a stage: the normalised reading of one detector axis, and the reference in um (QD)
+    or arc-seconds (PSD).
+    """
 
     reading: Vector
     reference: Vector
@@ -85,8 +87,9 @@ class StageRun:
 
 
 def parse_stage_run(text: str, source: str) -> StageRun:
-    """Return a run of CSV columns ``reading`` (difference / sum) and ``reference_um`` or
-    ``reference_arcsec``."""
+    """Return a run on a stage from the CSV columns ``reading`` (difference / sum) and
+    ``reference_um`` or ``reference_arcsec``.
+    """
     table = read_table(text, source, ("reading",))
     unit = next((unit for unit in get_args(Unit) if f"reference_{unit}" in table[0][1]), None)
     if unit is None:
@@ -108,8 +111,9 @@ def parse_stage_run(text: str, source: str) -> StageRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibrated:
-    """One detector axis: the run, the fit, its residuals in the unit of the reference, and their
-    range."""
+    """The calibration of one detector axis: the run, the fit, and the residuals in the unit of the
+    reference.
+    """
 
     run: StageRun
     fit: CurveFit
@@ -127,9 +131,9 @@ def calibrate_axis(
     """Return the curve of one detector axis; ``u_reference`` is the reference's standard
     uncertainty in its own unit.
 
-    The QD's spot moves twice as far as the stage, PSD2's beam turns twice as far as the mirror;
-    PSD1 measures the beam's own angle. For the QD the better of two curves is used: over the
-    reading, or over its inverse error function, as for a Gaussian spot.
+    The spot on the QD moves twice as far as the stage, and the beam to PSD2 turns twice as far as
+    the mirror; PSD1 measures the angle of the beam itself. For the QD the better of two curves is
+    used: over the reading, or over its inverse error function, as for a Gaussian spot.
     """
     if (detector == "qd") != (run.unit == "um"):
         expected = (
@@ -177,7 +181,7 @@ def _shift_um(reference: Vector, detector: DetectorName, file: HeadFile) -> Vect
 def with_curve(
     file: HeadFile, detector: DetectorName, axis: AxisName, found: Calibrated
 ) -> HeadFile:
-    """Return the calibration with the new curve; the axis keeps its sign."""
+    """Return the calibration with a new curve for one detector axis, whose sign stays."""
     curve = found.fit.curve
     table = file.curve(f"{detector}.{axis}") or AxisTable()
     fresh = AxisTable(
@@ -192,12 +196,13 @@ def with_curve(
 
 
 Curves = Mapping[str, tuple[Vector, Vector]]
-"""Position in mm and value (um, arc-seconds) by ISO 230-1 name."""
+"""Functions by ISO 230-1 name: positions in mm and values (um, arc-seconds)."""
 
 
 def parse_curves(text: str, source: str) -> Curves:
     """Return the functions of a CSV: ``position_mm`` and columns such as ``EYX_um``,
-    ``EBX_arcsec``, ``EBX_urad``; a field may be empty."""
+    ``EBX_arcsec``, ``EBX_urad``; fields may be empty.
+    """
     table = read_table(text, source, ("position_mm",))
     curves = {}
     for column in table[0][1]:
@@ -232,8 +237,8 @@ def parse_curves(text: str, source: str) -> Curves:
 
 
 def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]:
-    """Return measured minus reference of every function that both contain; straightness without its
-    least-squares line.
+    """Return measured minus reference for every function that both contain, straightness without
+    its least-squares line.
 
     Raises DataError where they have no common function.
     """
@@ -255,8 +260,8 @@ def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]
 
 
 def arms_of(measured: Curves, found: Mapping[str, Comparison]) -> dict[str, Arm]:
-    """Return by axis (X, Y, Z) the arm between the two heads, if the measured rotations determine
-    it (Feng 2008, 3.3).
+    """Return, by axis (X, Y, Z), the arm between the two heads, if the measured rotations determine
+    the arm (Feng 2008, 3.3).
     """
     arms = {}
     for axis in "XYZ":

@@ -1,5 +1,5 @@
-"""Samples of a 4-DOF head alone, for commissioning: from its port, from the stream in a log, or
-from a CSV.
+"""Samples of a 4-DOF head without a survey, for commissioning: from the port of the head, from the
+stream in a log, or from a CSV.
 """
 
 import asyncio
@@ -30,8 +30,8 @@ COLUMNS = tuple(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadRecord:
-    """Usable samples in the order of time: ``time_s`` (N,) counts from the first, ``channels`` is
-    (N, 9), or (N, 3) for a QD alone.
+    """Usable samples in the order of time: ``time_s`` (N,) is the time since the first sample,
+    ``channels`` has the shape (N, 9), or (N, 3) for a head with a QD only.
 
     ``unusable`` is the number of samples left out: blocked, saturated, faulty.
     """
@@ -41,12 +41,12 @@ class HeadRecord:
     unusable: int = 0
 
     def averaged(self, interval_s: float) -> "HeadRecord":
-        """Return the means over equal intervals; the last only if full. Raises DataError for an
-        interval without samples.
+        """Return the means of the samples over equal intervals; the last interval counts only if
+        complete. Raises DataError for an interval without samples.
         """
         intervals = (self.time_s - self.time_s[0]) / interval_s + 1e-9
-        # more intervals than samples: some are empty, and a wrong clock could request any number of
-        # them
+        # with more intervals than samples some are empty; without this limit a wrong clock could
+        # request any number of intervals
         place = np.floor(np.minimum(intervals, len(intervals))).astype(np.int64)
         count = np.bincount(place)[: max(int(place[-1]), 1)]
         if not count.all():
@@ -65,21 +65,21 @@ class HeadRecord:
 
 
 class _Gathering:
-    """Decodes chunks and gathers their samples."""
+    """A decoder that collects the samples of received chunks."""
 
     def __init__(self, decoder: Decoder) -> None:
         self._decoder = decoder
         self._batches: list[Samples] = []
 
     def feed(self, data: bytes, arrival_ns: int) -> Samples:
-        """Process a chunk; return its samples."""
+        """Decode a chunk of bytes; return the samples in it."""
         batch = self._decoder.feed(data, arrival_ns)
         if len(batch):
             self._batches.append(batch)
         return batch
 
     def record(self, source: str) -> HeadRecord:
-        """Return the samples collected. Raises DataError without a usable sample."""
+        """Return all collected samples as a record. Raises DataError without a usable sample."""
         flags = np.concatenate(
             [np.zeros(0, dtype=np.uint16), *(batch.flags for batch in self._batches)]
         )
@@ -107,7 +107,7 @@ class _Gathering:
 
 def read_head_csv(text: str, source: str) -> HeadRecord:
     """Return the samples of a CSV: ``time_s``, ``qd_x``, ``qd_y``, ``qd_sum``, and the same columns
-    of psd1 and psd2, which a QD alone lacks.
+    of psd1 and psd2, which are absent for a head with a QD only.
 
     Raises DataError, with the line, for any other content, and for times that do not ascend.
     """
@@ -162,7 +162,7 @@ def listen_to_head(
     on_batch: Callable[[Samples], None] | None = None,
 ) -> HeadRecord:
     """Return the samples of a survey file's head over a number of seconds; ``on_batch`` receives
-    every batch meanwhile.
+    every batch during the recording.
 
     Ctrl-C ends the recording sooner and keeps the samples. Raises UsageError without [head],
     DeviceError where the port cannot be opened or is lost.
@@ -181,7 +181,7 @@ async def _listen(
     seconds: float,
     on_batch: Callable[[Samples], None] | None,
 ) -> None:
-    # a line of this computer needs Linux; its files do not
+    # only a port of this computer needs Linux, not a file
     from stepdiag.daq.links.ports.serial import instrument_line
     from stepdiag.daq.recording.survey_links import serial_settings
 

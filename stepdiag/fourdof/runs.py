@@ -1,5 +1,6 @@
-"""From the passes of a 4-DOF head to straightness, pitch and yaw of the axes, by ISO 230-1 name and
-with their uncertainty."""
+"""Straightness, pitch and yaw of the axes from the passes of a 4-DOF head, by ISO 230-1 name and
+with their uncertainty.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -37,28 +38,33 @@ from stepdiag.solver.standards.straightness import residuals_um
 CHANNELS = 9
 QD_ONLY = 3
 SHIFT_SHARE = float(0.5 / np.sqrt(6.0))
-"""A beam that wanders parallel by 1 in a pass moves the spot by 1 and the straightness by half;
-after removal of its end-point line (a Brownian bridge) the rms over the pass is 1 / sqrt(6).
+"""Share of a beam's parallel shift in a pass that appears in the straightness (rms). A shift of 1
+moves the spot by 1 and the straightness by half; after removal of the end-point line, the rms of a
+random shift over the pass (a Brownian bridge) is 1 / sqrt(6).
 """
 QD, PSD1, PSD2 = (0, 1, 2), (3, 4, 5), (6, 7, 8)
-"""The channels of each detector."""
+"""The numbers of the channels of each detector."""
 APART = 3.29
 """Multiple of u beyond which the rms difference of two passes is more than chance (99.9 %), even if
 their errors are fully correlated.
 """
 WAVELENGTH_NM = 650.0
-"""Wavelength of the head's laser, red: it only limits the curvature of the spot's growth."""
+"""Wavelength of the head's red laser in nm, which only limits the curvature of the spot's
+growth.
+"""
 LEAST_STOPS = 3
-"""With two stops any guideway would be a straight line."""
+"""Least number of stops for a straightness: with two stops any guideway would be a straight
+line.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadMeasured:
-    """The results of the head's passes: an entry per pass and lateral direction, and the angular
-    functions over all passes of an axis.
+    """The results of the head's passes: a straightness for each pass and lateral direction, and the
+    angular functions over all passes of an axis.
 
-    ``shared_um`` belongs to the entries of ``straightness``: the part of their uncertainty common
-    to all passes, the calibration's.
+    ``shared_um`` is, for each entry of ``straightness``, the part of its uncertainty that is common
+    to all passes: that of the calibration.
     """
 
     straightness: tuple[MeasuredStraightness, ...] = ()
@@ -78,11 +84,11 @@ class _PassSeen:
 def evaluate_head(
     survey: Survey, passes: Sequence[Pass], files: Mapping[str, bytes], level: Angles
 ) -> HeadMeasured:
-    """Return the results of the whole passes of the 4-DOF head.
+    """Return the results of the 4-DOF head from its complete passes.
 
     ``files`` hold the calibration by the name in the survey, ``level`` angular functions known from
     other instruments: a roll moves a cube that is off the axis. Raises DataError for a calibration
-    of another head, and where the laser must give the distance and does not.
+    of another head, and where the distance must come from the laser but is missing.
     """
     driven = [each for each in passes if each.whole and each.route.travel.is_fourdof]
     if not driven or survey.head is None:
@@ -112,7 +118,7 @@ def _whole(
     angles: dict[str, KnownAngle], survey: Survey
 ) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
     """Return the functions that cover the whole volume: diagonals cannot be corrected for an angle
-    known on a part of them.
+    that is known on a part of them only.
     """
     whole, findings = {}, []
     for name, known in angles.items():
@@ -205,8 +211,8 @@ def _evaluate(
 def _named(
     each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise", shared: "_Noise"
 ) -> _PassSeen:
-    """Return the usable part of a pass by ISO 230-1 names, positions ascending: ``u`` belongs to a
-    single pass, ``shared`` to all passes.
+    """Return the usable part of a pass by ISO 230-1 names, positions ascending: ``u`` is the
+    uncertainty of a single pass, ``shared`` the uncertainty common to all passes.
     """
     mount = Mount(
         axis=cast("Literal['x', 'y', 'z']", each.route.travel.axis),
@@ -245,8 +251,8 @@ def _named(
 
 
 def _channels(stops: Sequence[CapturedStop], name: str) -> tuple[Vector, Vector]:
-    """Return the nine channels of every stop and their standard uncertainties; for a QD alone the
-    others have constant, centred spots.
+    """Return the nine channels of every stop and their standard uncertainties; for a head with a QD
+    only, the channels of the PSDs have constant, centred spots.
     """
     sizes = {len(stop.channels) for stop in stops}
     if not sizes <= {CHANNELS} and not sizes <= {QD_ONLY}:
@@ -296,7 +302,9 @@ def _distance_mm(
 
 
 def _roll_urad(run: HeadRun, axis: int, level: Angles, position: Vector) -> Vector:
-    """Return the target's roll from the detectors' x towards their y, if a level measured it."""
+    """Return the roll of the target, from the detectors' x towards their y, if a level measured the
+    roll.
+    """
     known = level.get(f"E{'ABC'[axis]}{'XYZ'[axis]}")
     if known is None:
         return np.zeros(len(position))
@@ -309,7 +317,7 @@ def _roll_urad(run: HeadRun, axis: int, level: Angles, position: Vector) -> Vect
 
 @dataclass(frozen=True, slots=True)
 class _Noise:
-    """Standard uncertainties of every stop, shape (N, 2)."""
+    """Standard uncertainties of straightness and angle at every stop, shape (N, 2)."""
 
     straightness_um: Vector
     angle_urad: Vector
@@ -324,11 +332,11 @@ def _noise(
     head: Head,
     shift_um: float,
 ) -> _Noise:
-    """Return the sum of drift, scatter of the stop's mean and parallel shift of the beam, which
-    differ from pass to pass.
+    """Return the part of the uncertainty that differs from pass to pass: drift, scatter of the
+    stop's mean, and parallel shift of the beam.
     """
     drift_um = 1e-3 * head.lever_mm(distance)[:, None] * found.u_drift_urad
-    # the drift's own uncertainty includes the scatter of its detector
+    # the uncertainty of the drift includes the scatter of its detector
     scatter = _by_channel(channels, u_channels, distance, head, (*QD, *PSD2))
     return _Noise(
         straightness_um=np.sqrt(
@@ -342,11 +350,11 @@ def _noise(
 def _calibration_noise(
     found: Motion, channels: Vector, distance: Vector, head: Head, file: HeadFile
 ) -> _Noise:
-    """Return the uncertainty of the calibration, common to all passes: straightness without its
-    end-point line, angle relative to its first.
+    """Return the uncertainty of the calibration, common to all passes: of straightness without its
+    end-point line, of angles relative to the first one.
 
-    A file without the covariance of a commissioning states only the uncertainty of the curves and
-    the lever.
+    A calibration file that no commissioning made has no covariance; it states only the uncertainty
+    of the curves and the lever.
     """
     if not file.uncertainty.of:
         lever_mm = (file.lever or LeverTable()).u_at(distance)[:, None]
@@ -382,12 +390,12 @@ def _calibration_noise(
 
 
 def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) -> Vector:
-    """Return the departure of the QD's gain from its linear growth between the two ends (k = 1), in
-    um of straightness, shape (N, 2).
+    """Return the standard uncertainty (k = 1) of the straightness because the QD's gain does not
+    grow linearly between the two ends, in um, shape (N, 2).
 
-    A beam with its waist in the middle of its path grows with the square of the distance from
-    there, which gives the largest departure from the chord. The place of the waist is unknown: any
-    value up to that is equally probable (GUM 4.3.7).
+    A beam with its waist in the middle of its path grows with the square of the distance from its
+    waist, which gives the largest departure from the chord. The place of the waist is unknown: any
+    departure up to the largest one is equally probable (GUM 4.3.7).
     """
     radius_mm = (
         1e-3 * np.sqrt(2.0) * abs(head.qd.x.curve.coefficients_um[1])
@@ -403,8 +411,8 @@ def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) 
 def _by_channel(
     channels: Vector, u_channels: Vector, distance: Vector, head: Head, of: Sequence[int]
 ) -> _Noise:
-    """Return the scatter of the motion caused by the scatter of some channels, propagated through
-    the equations channel by channel.
+    """Return the scatter of straightness and angle that is caused by the scatter of some channels,
+    propagated through the equations channel by channel.
     """
     still = motion(channels, distance, head)
     total = [np.zeros_like(still.straightness_um) for _ in range(3)]
@@ -443,11 +451,12 @@ def _mean_angle(passes: Sequence[tuple[Vector, Vector, Vector, Vector]]) -> Know
 def _mean(
     passes: Sequence[tuple[Vector, Vector, Vector, Vector]],
 ) -> tuple[Vector, Vector, Vector]:
-    """Return the common positions of all passes, the mean there from the first on, and its
-    uncertainty.
+    """Return the common positions of all passes, the mean of the passes there relative to the first
+    position, and its uncertainty.
 
-    The part that differs from pass to pass decreases with their number, but not below their
-    differences, which include reversal; the common part counts in full.
+    The part of the uncertainty that differs from pass to pass decreases with the number of passes,
+    but not below the differences of the passes, which include reversal. The common part does not
+    decrease.
     """
     common = passes[0][0]
     for position, *_ in passes[1:]:
@@ -467,8 +476,8 @@ def _mean(
 def merge_angles(
     level: Angles, head: Angles
 ) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
-    """Return all known functions: the head's, and the file's for those that the head does not
-    measure (the rolls); a finding where both have one.
+    """Return all known angular functions: those of the head, and from the file those that the head
+    does not measure (the rolls); and a finding where both contain the same function.
     """
     both = [name for name in head if name in level]
     findings = []
@@ -482,7 +491,7 @@ def over_passes(measured: HeadMeasured) -> tuple[MeasuredStraightness, ...]:
     """Return every straightness function as the mean of its passes without their end-point lines,
     at the positions common to all.
 
-    Its uncertainty is that of the mean (`_mean`), and includes the effect of the line's two ends on
+    The uncertainty is that of the mean (`_mean`). It includes the effect of the two end points on
     every value between them.
     """
     names = dict.fromkeys(one.name for one in measured.straightness)
@@ -494,8 +503,8 @@ def over_passes(measured: HeadMeasured) -> tuple[MeasuredStraightness, ...]:
 
 
 def _apart(driven: Sequence[Pass], seen: Sequence[_PassSeen]) -> list[Finding]:
-    """Return a finding for each function with two passes in one direction that differ by more than
-    chance, the pair farthest apart.
+    """Return a finding for each function with two passes in the same direction that differ by more
+    than chance; of several such pairs, the one with the largest difference.
     """
     worst: dict[str, tuple[float, Finding]] = {}
     for (before, one), (after, other) in combinations(zip(driven, seen, strict=True), 2):
@@ -567,5 +576,5 @@ def with_ends(position_mm: Vector, u_um: Vector) -> Vector:
 
 
 def mean_straightness(measured: HeadMeasured) -> dict[str, tuple[Vector, Vector]]:
-    """Return position in mm and value in um of `over_passes` by name."""
+    """Return the functions of `over_passes` by name: positions in mm and values in um."""
     return {one.name: (one.position_mm, one.value_um) for one in over_passes(measured)}

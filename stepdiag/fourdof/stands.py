@@ -21,15 +21,15 @@ from stepdiag.fourdof.commission import Standing
 from stepdiag.fourdof.record import require_channels
 
 SETTLE_S, SHORTEST_S = 0.3, 1.0
-"""Time left out after an arrival, and the shortest standstill after it, in s: the program stands
-for two seconds.
+"""Time in s that is left out after the arrival at a standstill, and the shortest duration of a
+standstill after it: the program stands for two seconds.
 """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CommissioningRun:
-    """The run of one axis (x, y, z): the mounting of the head, and the standstills in the order of
-    time.
+    """A run of the head along one axis (x, y, z): the mounting of the head, and the standstills in
+    the order of time.
     """
 
     axis: str
@@ -38,8 +38,8 @@ class CommissioningRun:
 
 
 def commissioning_run(replayed: Replayed) -> CommissioningRun:
-    """Return where the axis stood in the head's run: at its stops, and at each jog beside them.
-    Raises DataError without such a run, or for runs of several axes.
+    """Return the standstills of the axis in the head's run: at the stops, and at the jogs beside
+    them. Raises DataError without such a run, or for runs of several axes.
     """
     section = replayed.survey.head
     outcomes = [
@@ -79,7 +79,7 @@ def _standings(log: Log, survey: Survey) -> Iterator[Standing]:
 
 
 def _still(log: Log, survey: Survey) -> Iterator[tuple[Vector, float, float]]:
-    """Yield the places and the certain times of all standstills without a signal to the PLC."""
+    """Yield the places and the certain times of all standstills that the PLC does not signal."""
     try:
         signals = SignalDecoder(survey.plc.signals, survey.plc.parsed())
     except UsageError as error:

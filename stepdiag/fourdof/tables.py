@@ -1,11 +1,12 @@
 """Tables of multi-axis lasers (position, angles, straightness, roll at once) as readings, angles
 and straightness.
 
-A column is named by ``FUNCTION=[-]COLUMN[UNIT]~U``: ``EBX=-Pitch[arcsec]~0.1``; U is k = 1 in the
-column's unit. Rows are in the order of driving. A pass ends where the axis reverses, or returns to
-its beginning in one step; if it reverses at a single stop, that stop ends the way out and begins
-the way back. A function at a target is the mean of its passes (of one approach, for straightness),
-its u the larger of the stated one and the scatter of the passes.
+A column is named by ``FUNCTION=[-]COLUMN[UNIT]~U``: ``EBX=-Pitch[arcsec]~0.1``; U is the standard
+uncertainty (k = 1) in the unit of the column. Rows are in the order of driving. A pass ends where
+the axis reverses, or returns to its beginning in one step; if it reverses at a single stop, that
+stop ends the way out and begins the way back. The value of a function at a target is the mean of
+all passes, for straightness of the passes with the same approach; u is the larger one of the stated
+uncertainty and the scatter of the passes.
 """
 
 import math
@@ -47,8 +48,9 @@ _NAMED = re.compile(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
-    """A column of a table: its factor to mm (position), um or urad, sign included, and its standard
-    uncertainty in these, NaN or stated."""
+    """A column of a table: its factor to mm (position), um or urad, with the sign; and its standard
+    uncertainty in the same unit, NaN if not stated.
+    """
 
     name: str
     factor: float
@@ -57,8 +59,8 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Table:
-    """One run: rows in the order of driving. ``number`` (rows,) is the pass, odd in +; ``turned``
-    marks a row that also ends the previous pass.
+    """A run in a table: rows in the order of driving. ``number`` (rows,) is the pass, odd in +;
+    ``turned`` marks a row that also ends the previous pass.
     """
 
     setup: str
@@ -69,8 +71,8 @@ class Table:
 
 
 def columns_named(options: Sequence[str]) -> dict[str, Column]:
-    """Return the columns by function. Raises ``UsageError`` for an invalid name, a unit of another
-    kind, or a missing position.
+    """Return the columns of a table by function. Raises ``UsageError`` for an invalid name, a unit
+    of another kind, or a missing position.
     """
     columns: dict[str, Column] = {}
     for option in options:
@@ -104,9 +106,7 @@ def _units_of(name: str) -> tuple[str, ...]:
 
 
 def parse_run(text: str, setup: str, columns: Mapping[str, Column], source: str) -> Table:
-    """Return the run of a table; columns of other axes are left out. Raises the ``DataError`` of
-    `read_table`, and ``DataError`` for a table without travel.
-    """
+    """Return the run in a table; columns of other axes are left out."""
     header = text.partition("\n")[0]
     for separator in (";", "\t"):
         if separator in header:
@@ -133,8 +133,8 @@ def parse_run(text: str, setup: str, columns: Mapping[str, Column], source: str)
 
 
 def _passes(position_mm: Vector, source: str) -> tuple[Whole, Whole, Flags]:
-    """Return the rows of all passes (a single stop of reversal belongs to two), the pass of each
-    row, and the rows that end the previous pass.
+    """Return the rows of all passes (a single stop at a reversal belongs to two passes), the number
+    of the pass of each row, and the rows that also end the previous pass.
     """
     step, travel = (
         np.diff(position_mm),
@@ -164,8 +164,8 @@ def _passes(position_mm: Vector, source: str) -> tuple[Whole, Whole, Flags]:
 def readings_of(
     tables: Sequence[Table], columns: Mapping[str, Column], at_mm: Sequence[Vector]
 ) -> Readings | None:
-    """Return the linear runs of the tables with positioning, each along a line through ``at_mm``;
-    None without such a table.
+    """Return the linear runs of the tables with positioning, each on a line through ``at_mm``; None
+    without such a table.
     """
     parts = [
         (table, place)
@@ -206,7 +206,7 @@ def _stops(number: Whole) -> Whole:
 
 
 def angles_of(tables: Sequence[Table], columns: Mapping[str, Column]) -> Angles:
-    """Return the angular functions of the tables."""
+    """Return the angular functions in the tables."""
     found: dict[str, KnownAngle] = {}
     for table in tables:
         for name in (name for name in ROTATIONS if name in table.values):
@@ -220,8 +220,8 @@ def angles_of(tables: Sequence[Table], columns: Mapping[str, Column]) -> Angles:
 def straightness_of(
     tables: Sequence[Table], columns: Mapping[str, Column]
 ) -> tuple[MeasuredStraightness, ...]:
-    """Return the straightness of the tables by approach. Raises ``UsageError`` without a stated
-    uncertainty.
+    """Return the straightness functions in the tables by approach. Raises ``UsageError`` without a
+    stated uncertainty.
     """
     found: list[MeasuredStraightness] = []
     for table in tables:
@@ -249,8 +249,8 @@ def straightness_of(
 
 
 def _means(table: Table, name: str, rows: Flags, u: float) -> tuple[Vector, Vector, Vector]:
-    """Return targets, the mean of the passes at each and its standard uncertainty; each pass is
-    relative to its own mean.
+    """Return the targets, the mean of the passes at each target, and its standard uncertainty; the
+    values of each pass are relative to the mean of the pass.
     """
     number, values = table.number[rows], table.values[name][rows]
     at, place = np.unique(table.position_mm[rows], return_inverse=True)

@@ -1,4 +1,4 @@
-"""Sources of numbers for the commands of the 4-DOF head: a live head, a log, a CSV, input at the
+"""Sources of data for the commands of the 4-DOF head: a live head, a log, a CSV, input at the
 stage, a calibration file.
 """
 
@@ -22,7 +22,9 @@ STAGE_S = 1.0
 
 
 def head_of_logs(logs: list[Path]) -> "HeadMeasured":
-    """Return the head's measurements in these logs. Raises DataError where no pass is complete."""
+    """Return the results of the head's passes in these logs. Raises DataError where no pass is
+    complete.
+    """
     from stepdiag.completion import completion
     from stepdiag.daq.replay import find_logs, replay
 
@@ -40,11 +42,11 @@ def head_of_logs(logs: list[Path]) -> "HeadMeasured":
 def head_record(
     source: Path, default_s: float, ask: str = "", *, stated_s: float | None = None
 ) -> "HeadRecord":
-    """Return the samples of a source by its suffix; if ``ask`` names a preparation, a live source
-    begins after Enter.
+    """Return the samples of a source, whose kind is recognised by its suffix; if ``ask`` names a
+    preparation, a live recording begins after Enter.
 
-    A live head is recorded for ``stated_s`` seconds, or ``default_s``. Raises ``UsageError`` for a
-    recording with a stated time.
+    A live head is recorded for ``stated_s`` seconds, or ``default_s``. Raises ``UsageError`` if a
+    time is stated for a log or a CSV.
     """
     from stepdiag.base.files import read_text
     from stepdiag.daq.survey.file import load_survey
@@ -92,7 +94,7 @@ def write_calibration(path: Path, file: "HeadFile") -> None:
 
 
 def stage_run(source: Path, detector: "DetectorName", axis: "AxisName") -> "StageRun":
-    """Return readings of one detector axis against the stage's: from a two-column CSV, or live
+    """Return the readings of one detector axis and of the stage: from a two-column CSV, or live
     while the person moves the stage.
     """
     from stepdiag.base.files import read_text
@@ -104,7 +106,9 @@ def stage_run(source: Path, detector: "DetectorName", axis: "AxisName") -> "Stag
 
 
 def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "StageRun":
-    """Ask for the stage's reading at every place, and average the head there."""
+    """Ask the person for the reading of the stage at every place, and average the samples of the
+    head there.
+    """
     import numpy as np
 
     from stepdiag.fourdof.commissioning import StageRun

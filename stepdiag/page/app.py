@@ -1,8 +1,8 @@
 """The page as an application: the live stream, the texts, the downloads, and the commands of
 permitted users.
 
-It runs in a separate process (`stepdiag.page.process`); `RemoteDaemon` is its only access to the
-daemon.
+The application runs in a separate process (`stepdiag.page.process`); `RemoteDaemon` is its only
+access to the daemon.
 """
 
 import asyncio
@@ -37,19 +37,19 @@ from stepdiag.texts.texts import LANGUAGES, catalogue
 
 STATIC = Path(str(files("stepdiag.page") / "static"))
 LONGEST_COMMAND = 3000
-"""Largest number of bytes read from the body of a command; the pipe to the daemon accepts as many
-at once.
+"""Largest number of bytes read from the body of a command; the pipe to the daemon accepts this
+number at once.
 """
 BODY_S = 5.0
 """Longest time for the body of a request in s."""
 MOST_READERS = 200
-"""Largest number of streams at once, no more than half of them for one address; counted before they
-are accepted.
+"""Largest number of live streams at a time; one address may have half of this number. A stream is
+counted before it is accepted.
 """
 
 
 class Ordered(msgspec.Struct, frozen=True):
-    """The body of a command."""
+    """The body of a request for a command: the name of the command and its arguments."""
 
     name: CommandName
     arguments: dict[str, str] = {}
@@ -59,10 +59,10 @@ class Daemon(Protocol):
     """The interface of the daemon for the page (`stepdiag.page.remote.RemoteDaemon`)."""
 
     def watch(self, *, on: bool) -> None:
-        """Have pictures shown from now on, or no more."""
+        """Have the daemon send snapshots from now on, or no more."""
 
     async def picture(self) -> Picture:
-        """Return the present state. Raises DeviceError for a silent daemon."""
+        """Return the present snapshot. Raises DeviceError for a silent daemon."""
 
     async def order(
         self, name: CommandName, arguments: dict[str, str], address: str
@@ -79,7 +79,7 @@ class Daemon(Protocol):
 
 
 class Page:
-    """The answers of the page."""
+    """The responses of the page to the requests of a browser."""
 
     def __init__(self, daemon: Daemon, settings: PageSettings) -> None:
         self._daemon = daemon
@@ -91,14 +91,14 @@ class Page:
         """Rights that the kernel could not remove from this process (`stepdiag.walls.confine`)."""
 
     async def index(self, _request: Request) -> Response:
-        """Respond with the page itself."""
+        """Respond with the HTML file of the page."""
         return FileResponse(STATIC / "index.html")
 
     async def about(self, _request: Request) -> Response:
-        """Respond with the data that the page needs before the stream: language, version, whether
-        there is a token, without which no command is accepted.
+        """Respond with the data that the page needs before the stream: language, version, and
+        whether a token is configured (without a token the page accepts no command).
 
-        The page also lists the rights that the kernel could not take from this process.
+        The response also lists the rights that the kernel could not remove from this process.
         """
         return JSONResponse(
             {
@@ -121,7 +121,7 @@ class Page:
         return JSONResponse(words)
 
     async def stream(self, request: Request) -> Response:
-        """Respond with the live stream."""
+        """Respond with the live stream of the survey."""
         address = address_of(request)
         if (
             self._readers.total() >= MOST_READERS
@@ -131,7 +131,7 @@ class Page:
         return _CountedStream(self.broadcaster, self._readers, address)
 
     async def result(self, request: Request) -> Response:
-        """Respond with the last result."""
+        """Respond with the result of the last complete survey."""
         if not await self.access.reads(request):
             return _locked()
         path = (await self._daemon.picture()).result
@@ -142,8 +142,8 @@ class Page:
         )
 
     async def conclusion(self, _request: Request) -> Response:
-        """Respond with the conclusion of the survey shown. Everybody who may open the page may read
-        it; files need the token.
+        """Respond with the conclusion of the survey shown. Every visitor of the page may read the
+        conclusion; the files need the token.
         """
         found = next((one for one in await self._listed() if one.name == CONCLUSION), None)
         if found is None:
@@ -162,7 +162,9 @@ class Page:
         )
 
     async def download(self, request: Request) -> Response:
-        """Respond with a listed file; a name that is not in the list does not exist."""
+        """Respond with a file from the list for download; any other name is answered as not
+        found.
+        """
         if not await self.access.reads(request):
             return _locked()
         wanted = request.path_params["name"]
@@ -184,8 +186,8 @@ class Page:
         return answer
 
     async def command(self, request: Request) -> Response:
-        """Execute a command: 204 done, 400 not understood, 403 not allowed, 409 refused with the
-        reason.
+        """Execute a command. The status is 204 after execution, 400 for a command that is not
+        understood, 403 for a missing right, 409 for a refusal, with its reason.
         """
         if not await self.access.commands(request):
             return refused(
@@ -211,7 +213,9 @@ class Page:
 
 
 class _CountedStream(Response):
-    """The live stream of one reader, who is counted from now until the end of the answer."""
+    """The live stream of one reader. The reader is counted from now until the end of the
+    response.
+    """
 
     def __init__(self, broadcaster: Broadcaster, readers: Counter[str], address: str) -> None:
         self._readers = readers
@@ -220,7 +224,7 @@ class _CountedStream(Response):
         readers[address] += 1
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the events as they arrive."""
+        """Send the events of the stream as they arrive."""
         try:
             await self._stream(scope, receive, send)
         finally:
@@ -229,7 +233,9 @@ class _CountedStream(Response):
 
 
 async def _limited_body(request: Request) -> bytes | None:
-    """Return the body, or None where it is longer than any command, or takes too long."""
+    """Return the body of a request, or None where it is longer than any command, or takes
+    too long.
+    """
     body = b""
     try:
         async with asyncio.timeout(BODY_S):
@@ -262,14 +268,14 @@ def _packed(found: Download) -> Response:
     try:
         data = zip_of(found.path, restore=found.kind == "restore")
     except StepdiagError as why:
-        # the places of the service's files stay private
+        # the folders of the service stay private
         named = message(
             "refusal", where=found.path.name, expected=why.expected, found=why.found
         )
         return refused(409, named)
     except (
         OSError
-    ) as why:  # the file was moved away, or its disk was removed, while it was packed
+    ) as why:  # while the file was packed, the file was moved away, or its disk was removed
         return refused(409, message("labelled", name=found.path.name, what=system_words(why)))
     headers = {
         "Content-Disposition": f'attachment; filename="{found.name}"',
@@ -296,7 +302,7 @@ def _file(found: Download) -> Response:
 
 
 def create_app(page: Page, daemon: Daemon, settings: PageSettings) -> Starlette:
-    """Return the page's application; read-only where no token is configured."""
+    """Return the application of the page; without a configured token it accepts no command."""
     routes = [
         Route("/", page.index),
         Route("/about.json", page.about),

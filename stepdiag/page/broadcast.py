@@ -1,5 +1,5 @@
-"""A single encoding of each snapshot for all viewers; a slow reader gets the latest snapshot
-only.
+"""Distribution of snapshots: each snapshot is encoded once for all readers, and a slow reader
+receives only the latest one.
 """
 
 import asyncio
@@ -12,7 +12,7 @@ from stepdiag.daq.records.status import Snapshot
 from stepdiag.page.view import SLOW_FIELDS, now_view, survey_view
 
 RETRY_MS = 500
-"""Wait of a browser after an interrupted connection before its next try, in ms."""
+"""Time in ms that a browser waits after an interrupted connection before it connects again."""
 
 
 def encode_event(name: str, content: dict[str, Any]) -> bytes:
@@ -29,17 +29,19 @@ class Mailbox:
         self._closed = False
 
     def put(self, kind: str, event: bytes) -> None:
-        """Replace the waiting event of this kind."""
+        """Put an event into the mailbox, in place of a waiting event of the same kind."""
         self._waiting[kind] = event
         self._filled.set()
 
     def close(self) -> None:
-        """End the stream after the waiting events."""
+        """End the stream after the events in the mailbox."""
         self._closed = True
         self._filled.set()
 
     async def events(self) -> AsyncIterator[bytes]:
-        """Yield the events since the last time, joined, until `close`."""
+        """Yield the events that arrived since the last time, joined into one text, until
+        `close`.
+        """
         while True:
             await self._filled.wait()
             self._filled.clear()
@@ -53,7 +55,7 @@ class Mailbox:
 
 class Broadcaster:
     """Puts the snapshots into the mailbox of every reader; ``on_readers`` is called when the first
-    reader connects and when the last has left.
+    reader connects and when the last reader has left.
     """
 
     def __init__(self, on_readers: Callable[[bool], None]) -> None:
@@ -82,7 +84,9 @@ class Broadcaster:
                 self._on_readers(False)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Send a snapshot to all readers: its slow parts only after a change, or to new readers."""
+        """Send a snapshot to all readers. The slow parts of a snapshot are sent only after a
+        change, and to new readers.
+        """
         changed = self._refresh(snapshot)
         now = encode_event("now", now_view(snapshot))
         for mailbox in self._newcomers:
@@ -94,12 +98,14 @@ class Broadcaster:
         self._newcomers.clear()
 
     def close(self) -> None:
-        """End all streams."""
+        """End the streams of all readers."""
         for mailbox in self._mailboxes:
             mailbox.close()
 
     def _refresh(self, snapshot: Snapshot) -> bool:
-        """Encode the slow fields again if they changed; return whether they did."""
+        """Encode the slow parts of a snapshot again if they changed; return whether they
+        changed.
+        """
         slow = tuple(getattr(snapshot, name) for name in SLOW_FIELDS)
         if slow == self._slow and self._slow_event:
             return False

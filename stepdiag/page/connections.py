@@ -1,7 +1,8 @@
-"""Admission of connections: a limited number, no more than half of them for a single address, and
-each must send its request soon.
+"""Admission of connections: their number is limited, a single address may have half of this number,
+and each connection must send its request soon.
 
-The limits apply where a connection is accepted, before it uses any memory or a line in a log.
+The limits apply where a connection is accepted, before the connection uses any memory or a line in
+a log.
 """
 
 import asyncio
@@ -14,11 +15,13 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MOST_CONNECTIONS = 300
 MOST_OF_ONE_ADDRESS = MOST_CONNECTIONS // 2
-"""No single address can keep all others out."""
+"""Largest number of connections of one address, so that no address can keep all others out."""
 HEAD_S = 10.0
-"""Longest time for the header of a request in s, from its first possible byte."""
+"""Longest time in s for the header of a request, from the moment at which its first byte may
+arrive.
+"""
 LONGEST_HEAD = 16_384
-"""Bytes of a head."""
+"""Largest size of the header of a request in bytes."""
 
 
 class CappedListener(socket.socket):
@@ -28,7 +31,7 @@ class CappedListener(socket.socket):
         super().__init__(fileno=descriptor)
         self._open: dict[socket.socket, str] = {}
         self.refused = 0
-        """Number of refused connections."""
+        """Number of refused connections since the start."""
 
     def accept(self) -> tuple[socket.socket, tuple[str, int]]:
         """Return the next connection. Raises ConnectionAbortedError for a surplus connection, which
@@ -49,13 +52,11 @@ class CappedListener(socket.socket):
 
 
 class PunctualLoop(asyncio.SelectorEventLoop):
-    """An event loop whose clients have the same time to finish the handshake of encryption as to
-    send a request.
-    """
+    """An event loop that gives a client the same time for the TLS handshake as for a request."""
 
     async def create_server(self, *args: Any, **options: Any) -> asyncio.Server:
-        """Listen; with TLS the time limit is that of `PunctualProtocol` instead of the library's
-        minute.
+        """Listen at an address; the time limit for the TLS handshake is that of `PunctualProtocol`
+        instead of the library's minute.
         """
         if options.get("ssl") is not None:
             options |= {"ssl_handshake_timeout": HEAD_S, "ssl_shutdown_timeout": HEAD_S}
@@ -63,30 +64,30 @@ class PunctualLoop(asyncio.SelectorEventLoop):
 
 
 class PunctualProtocol(H11Protocol):
-    """HTTP whose requests must arrive within `HEAD_S`: from the beginning of the connection, or
-    from the end of the previous answer.
+    """The HTTP protocol with a time limit: the header of a request must arrive within `HEAD_S`,
+    from the beginning of the connection or from the end of the previous answer.
     """
 
     _patience: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin to wait for the first head."""
+        """Begin to wait for the header of the first request."""
         super().connection_made(transport)
         self._await_head()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Wait no longer."""
+        """End the waiting for a header after the connection was lost."""
         self._stop_waiting()
         super().connection_lost(exc)
 
     def handle_events(self) -> None:
-        """Process the received bytes; a complete header ends the waiting."""
+        """Process received bytes; a complete header ends the waiting."""
         super().handle_events()
         if self.cycle is not None and not self.cycle.response_complete:
             self._stop_waiting()
 
     def on_response_complete(self) -> None:
-        """Wait for the next head."""
+        """Wait for the header of the next request."""
         self._await_head()
         super().on_response_complete()
 

@@ -1,12 +1,13 @@
-"""The daemon's side of the page: it sends snapshots and receives commands.
+"""The part of the daemon that serves the page: it sends snapshots and receives commands.
 
-As a service the page is a unit with its own account, which systemd starts for its first visitor and
-which connects by a socket of the file system. The kernel names the calling account (SO_PEERCRED,
-unix(7)), and no other account is served. Otherwise the daemon opens the page's address and keeps
-the page's process, connected by a pair of sockets.
+As a service, the page is a systemd unit with its own account. Systemd starts this unit for the
+first visitor, and the unit connects by a socket of the file system. The kernel names the calling
+account (SO_PEERCRED, unix(7)), and no other account is served. Without the service, the daemon
+opens the page's address and keeps a process for the page, connected by a pair of sockets.
 
-Messages of this process are trusted as little as a browser's: they are short, few at a time, and
-checked; messages that are not received in time are left out. No failure here ends the daemon.
+The daemon trusts the messages of the page as little as those of a browser: it limits their size and
+number and checks them. Messages that the page does not receive in time are left out. No failure of
+this module ends the daemon.
 """
 
 import asyncio
@@ -47,38 +48,42 @@ from stepdiag.page.messages import (
 )
 
 SHORTEST_S = 0.1
-"""No more than ten pictures a second."""
+"""Shortest time in s between two snapshots."""
 HEARTBEAT_S = 0.25
-"""At least four snapshots a second, so that a reader without one for 0.8 s recognises a fault."""
+"""Longest time in s between two snapshots: a reader that has received none for 0.8 s recognises a
+fault.
+"""
 REQUEST_S = 0.01
-"""No more than a hundred requests a second are looked at."""
+"""Shortest time in s between two requests of the page that are processed."""
 MOST_UNREAD = 1_000_000
-"""Largest number of bytes that the page has not received yet: above it the page is restarted."""
+"""Number of bytes that the page has not received yet above which the page is restarted."""
 AGAIN_S = (0.2, 1.0, 5.0, 30.0)
-"""Waits in s before the second start of the page, the third, and so on; the series begins again
-after a life of `LIVED_S`.
+"""Times in s before the second start of the page, the third, and so on. After the page has run for
+`LIVED_S`, the series begins again.
 """
 LIVED_S = 60.0
 GRACE_S = 1.0
-"""Time in s for the page to end its streams and downloads at the end of the daemon."""
+"""Time in s that the page has at the end of the daemon to end its streams and downloads."""
 BACKLOG = 128
 LAST_WORDS = 2000
-"""Largest number of characters of a failure in the log: the rest of a traceback adds nothing."""
+"""Largest number of characters of a failure in the log: the rest of a traceback adds no
+information.
+"""
 _ENVIRONMENT = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE")
 _log = structlog.get_logger("page")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listeners:
-    """The addresses of the services; None for a service that is off."""
+    """The listening sockets of page and metrics; None for a service that is off."""
 
     page: socket.socket | None = None
     metrics: socket.socket | None = None
 
     @classmethod
     def opened(cls, page: Page, metrics: Metrics) -> "Listeners":
-        """Return the addresses to serve by a survey file. Raises DeviceError where one of them
-        cannot be opened.
+        """Return the listening sockets for the addresses in a survey file. Raises DeviceError where
+        one of these addresses cannot be opened.
         """
         shown = open_listener(page.host, page.port, "page") if page.enabled else None
         try:
@@ -95,16 +100,20 @@ class Listeners:
 
     @property
     def descriptors(self) -> tuple[str, str]:
-        """Return the numbers of both for the page's process, ``-`` for none."""
+        """Return the descriptors of page and metrics as arguments for the page's process, ``-`` for
+        a service that is off.
+        """
         return _descriptor(self.page), _descriptor(self.metrics)
 
     @property
     def open(self) -> tuple[int, ...]:
-        """Return the descriptors that the page's process inherits."""
+        """Return the descriptors that the page's process inherits: those of the services that are
+        on.
+        """
         return tuple(each.fileno() for each in (self.page, self.metrics) if each is not None)
 
     def close(self) -> None:
-        """Close them."""
+        """Close the listening sockets."""
         for each in (self.page, self.metrics):
             if each is not None:
                 each.close()
@@ -112,7 +121,7 @@ class Listeners:
 
 def open_listener(host: str, port: int, section: str) -> socket.socket:
     """Return a listening socket; DeviceError where the address is in use or not this machine's.
-    Port 0 uses any free one.
+    Port 0 uses any free port.
 
     ``section`` is the section of the address in the survey file.
     """
@@ -138,7 +147,7 @@ async def page_served(
     path: Path, account: int, source: StatusSource, figures: Callable[[], Figures]
 ) -> AsyncIterator[None]:
     """Serve the page of another account by a socket of the file system while the block runs; a new
-    page replaces the former.
+    connection replaces the former one.
     """
     visits: set[asyncio.Task[None]] = set()
 
@@ -198,7 +207,7 @@ async def page_kept(
 
 
 class PageKeeper:
-    """Restarts the page's process after each end, and serves it over its pipes."""
+    """Restarts the page's process after each of its ends, and serves the process over its pipes."""
 
     def __init__(
         self,
@@ -213,7 +222,7 @@ class PageKeeper:
         self._figures = figures
 
     async def run(self) -> None:
-        """Keep the page until cancelled."""
+        """Keep the page's process running until this task is cancelled."""
         failures = 0
         while True:
             began_s = time.monotonic()
@@ -227,8 +236,8 @@ class PageKeeper:
             await asyncio.sleep(wait_s)
 
     async def _one_life(self) -> str:
-        """Run the process to its end; return its last messages. Any failure here ends the process
-        and has no other effect.
+        """Run the process to its end; return its last messages. A failure of this function ends the
+        process and has no other effect.
         """
         ours, theirs = socket.socketpair()
         with ours, theirs:
@@ -276,8 +285,8 @@ class PageKeeper:
 
 
 class _Line:
-    """The line to the page. Data that are not received are not sent: a snapshot is left out, and
-    too many bytes of other data end the connection.
+    """The connection to the page. Data that the page does not receive are not sent: a snapshot is
+    left out, and too many bytes of other data end the connection.
     """
 
     def __init__(self, transport: asyncio.WriteTransport) -> None:
@@ -285,7 +294,7 @@ class _Line:
 
     @property
     def clear(self) -> bool:
-        """Whether everything has been passed to the operating system."""
+        """Whether all data have been passed to the operating system."""
         return self._transport.get_write_buffer_size() == 0
 
     def send(self, sent: object) -> None:
@@ -301,7 +310,9 @@ class _Line:
 
 
 class _Visit:
-    """One run of the page's process: its requests, and its snapshots while it has viewers."""
+    """One run of the page's process: its requests, and the snapshots that it receives while it has
+    viewers.
+    """
 
     def __init__(
         self, source: StatusSource, line: _Line, figures: Callable[[], Figures] | None
@@ -313,8 +324,8 @@ class _Visit:
         self._faults = 0
 
     async def hear(self, reader: asyncio.StreamReader) -> None:
-        """Execute the requests one after another. Raises the reason why the page cannot be served
-        on.
+        """Execute the requests of the page one after another. Raises the error for which the page
+        is no longer served.
         """
         with suppress(asyncio.IncompleteReadError):
             while True:
@@ -325,7 +336,7 @@ class _Visit:
                 await asyncio.sleep(REQUEST_S)
 
     def close(self) -> None:
-        """Send no more pictures."""
+        """Send no more snapshots to the page."""
         if self._pictures is not None:
             self._pictures.cancel()
             self._pictures = None
@@ -354,13 +365,15 @@ class _Visit:
                 )
 
     def _say_fault(self, text: str) -> None:
-        """Log the fault, but not for every request of a client that can cause it."""
+        """Log a fault of the page, but not for every request of a client that can cause this
+        fault.
+        """
         self._faults += 1
         if str(self._faults).strip("0") == "1":
             _log.error("page-fault", words=text[:LAST_WORDS], count=self._faults)
 
     async def _obey(self, order: Order) -> Words:
-        """Return why a command was refused; empty after its execution."""
+        """Execute a command; return the reason of a refusal, empty after execution."""
         with structlog.contextvars.bound_contextvars(address=order.address[:100]):
             try:
                 await self._source.command(order.name, order.arguments)
@@ -378,7 +391,7 @@ class _Visit:
             self._send_picture()
 
     async def _send_pictures(self) -> None:
-        """Send a snapshot after each change, at a pace that eyes can follow."""
+        """Send a snapshot after each change, at a rate that a viewer can follow."""
         while True:
             sequence = self._send_picture()
             await asyncio.sleep(SHORTEST_S)
@@ -402,7 +415,7 @@ class _Visit:
 
 
 async def _ended(child: asyncio.subprocess.Process) -> None:
-    """End the process: it ends by itself after its pipe is closed, and is killed otherwise."""
+    """End the page's process: it ends when its pipe is closed, and is killed if it does not."""
     try:
         async with asyncio.timeout(GRACE_S):
             await child.wait()
@@ -413,7 +426,7 @@ async def _ended(child: asyncio.subprocess.Process) -> None:
 
 
 async def _last_words(child: asyncio.subprocess.Process) -> str:
-    """Return the end of the process's standard error, read until it ends."""
+    """Return the end of the process's standard error, which is read until the process ends."""
     assert child.stderr is not None
     kept = b""
     while part := await child.stderr.read(LAST_WORDS):
@@ -424,7 +437,7 @@ async def _last_words(child: asyncio.subprocess.Process) -> str:
 
 
 def address_of(listener: socket.socket, scheme: str = "http") -> str:
-    """Return where a listener is reached (``http://127.0.0.1:8420``)."""
+    """Return the URL of a listening socket (``http://127.0.0.1:8420``)."""
     host, port = listener.getsockname()[:2]
     return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
 

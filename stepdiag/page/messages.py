@@ -1,8 +1,8 @@
 """Messages between the recording process and the page's process: a pipe in each direction, each
 message preceded by its length.
 
-The page shows the received data and requests very little: a snapshot, the figures, or a command
-from the list. No other event of the page's process can reach the recording.
+The page can send only three requests: for a snapshot, for the figures, or for a command from a
+list. Nothing else in the page's process can affect the recording.
 """
 
 from pathlib import Path
@@ -17,14 +17,14 @@ from stepdiag.texts.texts import Language
 
 LENGTH_BYTES = 4
 LONGEST_REQUEST = 16_384
-"""Largest message of the page in bytes."""
+"""Largest size in bytes of a message from the page to the daemon."""
 LONGEST_MESSAGE = 16_000_000
-"""Bytes of a message to the page."""
+"""Largest size in bytes of a message from the daemon to the page."""
 
 
 class PageSettings(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """Settings of the page; the first message, so that no secret stands on a command line or in an
-    environment.
+    """The settings of the page. This message is the first one, so that no secret is on a command
+    line or in an environment.
     """
 
     folder: str
@@ -37,8 +37,8 @@ class PageSettings(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Picture(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The present state; ``folder`` holds the files for download, ``result`` is the result's file
-    or empty.
+    """A snapshot of the survey. ``folder`` holds the files for download; ``result`` is the path of
+    the result's file or empty.
     """
 
     snapshot: Snapshot
@@ -47,27 +47,29 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """An order was done, or refused with the reason."""
+    """The answer to a command: ``refusal`` is the reason of a refusal, empty after execution."""
 
     number: int
     refusal: Words
 
 
 class Counted(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The daemon's figures."""
+    """The answer with the daemon's figures for Prometheus."""
 
     number: int
     figures: Figures
 
 
 class Watch(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """Send a snapshot now, and continue while ``on``."""
+    """The request for snapshots: one now, and further ones while ``on``."""
 
     on: bool
 
 
 class Order(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """An order of a user with the token, and the address of the browser."""
+    """The request for a command by a user with the token; ``address`` is the address of the
+    browser.
+    """
 
     number: int
     name: CommandName
@@ -76,26 +78,26 @@ class Order(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Count(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The figures."""
+    """The request for the daemon's figures for Prometheus."""
 
     number: int
 
 
 class Guesses(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """A client at an address has sent a number of wrong tokens."""
+    """The report that a client at an address has sent a number of wrong tokens."""
 
     address: str
     count: int
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """A fault of this program occurred in the page."""
+    """The report of a fault of this program in the page's process."""
 
     text: str
 
 
 class Ready(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The page is ready; ``open`` names the rights that the kernel could not remove
+    """The report that the page is ready; ``open`` names the rights that the kernel could not remove
     (`stepdiag.walls.confine`).
     """
 

@@ -43,7 +43,7 @@ from stepdiag.walls.confine import confine, die_with_parent, readable_by_program
 THREADS = 4
 """Largest number of threads that read files at once."""
 SOCKET = "STEPDIAG_PAGE_SOCKET"
-"""The environment of both units names the socket of the file system that connects them."""
+"""Environment variable with the path of the socket that connects the units of daemon and page."""
 FIRST_HANDED = 3
 PATIENCE_S, AGAIN_S = 10.0, 0.2
 GRACE_S = 1
@@ -51,18 +51,18 @@ GRACE_S = 1
 
 
 class _Server(uvicorn.Server):
-    """uvicorn without its signal handlers: the process that started this one ends it."""
+    """The server uvicorn without its signal handlers: the parent process ends this server."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
-        """Leave the process's signals alone."""
+        """Leave the signal handlers of the process unchanged."""
         yield
 
 
 def main(page: str, metrics: str) -> None:
-    """Serve until the daemon closes its end."""
+    """Serve the page until the daemon closes the connection."""
     die_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C at the terminal is for the daemon
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the daemon, not this process
     hears, asks = sys.stdin.buffer, _own_output()
     length = int.from_bytes(hears.read(LENGTH_BYTES), "big")
     settings = settings_decoder.decode(hears.read(length))
@@ -75,12 +75,12 @@ def main(page: str, metrics: str) -> None:
 
 
 def serve_activated(survey_file: Path) -> None:
-    """Serve the addresses received from systemd, until the daemon closes its end. Raises
+    """Serve the addresses received from systemd, until the daemon closes the connection. Raises
     DeviceError where no daemon records.
 
     The secrets are credentials of this unit: the daemon has no access to them.
     """
-    # both load numpy, which the page of a daemon does not load
+    # both modules load numpy, which the page of a daemon does not need
     from stepdiag.daq.survey.file import load_survey
     from stepdiag.page.settings import page_settings
 
@@ -101,8 +101,8 @@ def serve_activated(survey_file: Path) -> None:
 
 
 def _handed_over() -> range:
-    """Return the descriptors of the sockets that systemd opened, by sd_listen_fds(3): from 3 on,
-    only for this process.
+    """Return the descriptors of the sockets that systemd opened, by sd_listen_fds(3): they begin at
+    3 and are only for this process.
     """
     if os.environ.get("LISTEN_PID") != str(os.getpid()):
         return range(0)
@@ -147,19 +147,19 @@ def _serve_sockets(
         )
     if metrics is not None:
         servers.append((_server(create_metrics(daemon.figures)), CappedListener(metrics)))
-    mimetypes.init()  # reads /etc
+    mimetypes.init()  # this reads /etc
     lower_priority()
     with asyncio.Runner(loop_factory=PunctualLoop) as runner:
-        runner.get_loop()  # has a pair of sockets
+        runner.get_loop()  # asyncio makes a pair of sockets
         still_open = confine(readable_by_program(Path(settings.folder)))
         if page is not None:
             shown.still_open = still_open
         runner.run(_serve(daemon, hears, servers, still_open))
-    os._exit(0)  # all data are written, and the daemon waits
+    os._exit(0)  # then all data are written, and the daemon waits
 
 
 def _own_output() -> BinaryIO:
-    """Return standard output for requests alone; other output goes to standard error."""
+    """Return a file for requests on standard output; all other output goes to standard error."""
     asks = os.fdopen(os.dup(1), "wb", buffering=0)
     os.set_blocking(asks.fileno(), False)
     os.dup2(2, 1)
@@ -182,7 +182,7 @@ def _server(app: Starlette, settings: PageSettings | None = None) -> uvicorn.Ser
         ssl_certfile=settings.certificate or None if settings is not None else None,
         ssl_keyfile=settings.key or None if settings is not None else None,
     )
-    config.load()  # certificates are read here, before access to the disk is closed
+    config.load()  # certificates are read before the access to the disk is closed
     return _Server(config)
 
 

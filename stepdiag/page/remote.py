@@ -1,4 +1,6 @@
-"""The daemon as represented in the page's process: snapshots by a pipe, requests by another."""
+"""The daemon as seen from the page's process: snapshots arrive by a pipe, requests leave by
+another.
+"""
 
 import asyncio
 import itertools
@@ -33,12 +35,12 @@ from stepdiag.page.messages import (
 ANSWER_S = 3.0
 """Longest time for an answer of the daemon in s."""
 FRESH_S = 0.5
-"""A snapshot older than this is not the present state."""
+"""Largest age in s at which a snapshot counts as the present state."""
 
 
 class RemoteDaemon:
-    """Sends requests and receives pictures. ``on_picture`` is called with every snapshot,
-    ``on_end`` after the last.
+    """The connection of the page to the daemon. ``on_picture`` is called with every snapshot,
+    ``on_end`` after the last one.
     """
 
     def __init__(self, asks: BinaryIO) -> None:
@@ -67,21 +69,21 @@ class RemoteDaemon:
             return
 
     def watch(self, *, on: bool) -> None:
-        """Have pictures sent from now on, or no more."""
+        """Have the daemon send snapshots from now on, or no more."""
         self._watching = on
-        with suppress(DeviceError):  # a client that waits for pictures sees that none come
+        with suppress(DeviceError):  # a client that waits sees that no snapshot comes
             self._ask(Watch(on=on))
 
     def say_ready(self, still_open: tuple[str, ...]) -> None:
-        """Report that the page is served."""
+        """Report to the daemon that the page is served."""
         self._ask(Ready(open=still_open))
 
     def say_guesses(self, address: str, count: int) -> None:
-        """Report a number of wrong tokens from an address."""
+        """Report a number of wrong tokens from an address to the daemon."""
         self._ask(Guesses(address=address, count=count))
 
     def say_fault(self, why: object) -> None:
-        """Report a fault of this program: its place and its reason."""
+        """Report a fault of this program to the daemon: its place and its reason."""
         place = (
             traceback.extract_tb(why.__traceback__)[-1:] if isinstance(why, Exception) else []
         )
@@ -89,7 +91,7 @@ class RemoteDaemon:
             self._ask(Fault(text=f"{why!r} in {place}"[:1000]))
 
     async def picture(self) -> Picture:
-        """Return the present state. Raises DeviceError for a silent daemon."""
+        """Return the present snapshot. Raises DeviceError for a silent daemon."""
         if self._picture is not None and time.monotonic() - self._picture_s < FRESH_S:
             return self._picture
         before_s = self._picture_s
@@ -106,8 +108,8 @@ class RemoteDaemon:
     async def order(
         self, name: CommandName, arguments: dict[str, str], address: str
     ) -> Words:
-        """Request a command; return the reason of a refusal, empty after success. Raises
-        DeviceError for a silent daemon.
+        """Request a command from the daemon; return the reason of a refusal, empty after execution.
+        Raises DeviceError for a silent daemon.
         """
         number = next(self._numbers)
         answer = await self._answer(
@@ -138,8 +140,8 @@ class RemoteDaemon:
             del self._awaited[number]
 
     def _ask(self, request: Request) -> None:
-        """Send a request. If the daemon accepts no request, no answer can come, so there is no
-        wait.
+        """Send a request to the daemon. If the daemon accepts no request, no answer can come, so
+        the page does not wait.
         """
         try:
             os.write(self._asks.fileno(), framed(request))

@@ -1,4 +1,4 @@
-"""Rights of a browser on the page, and rights to command."""
+"""Protection of the page: the rights of a browser, and the rights of a user to command."""
 
 import asyncio
 import hmac
@@ -19,13 +19,13 @@ CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""No inline content, and no content from other servers."""
+"""Content policy of the page: no inline content, and no content from other servers."""
 REPORT_POLICY = (
     "sandbox allow-scripts allow-downloads allow-modals; default-src 'none'; img-src data:; "
     "script-src 'unsafe-inline'; style-src 'unsafe-inline'"
 )
-"""A report is a document of its own: its scripts may turn its drawings, but can reach neither the
-page nor the daemon.
+"""Content policy of a report: its scripts may turn its drawings, but can reach neither the page nor
+the daemon.
 """
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -39,23 +39,27 @@ SEND_S = 20.0
 COOKIE = "stepdiag-files"
 MOST_SESSIONS = 100
 MOST_ADDRESSES = 1000
-"""Largest number of addresses whose failures are counted; the oldest are removed first."""
+"""Largest number of addresses whose wrong tokens are counted; the addresses counted first are
+removed first.
+"""
 GUESSES = 10
-"""The machine's page warns of this number of wrong tokens from one address, and of 10, 100, ...
-times the number.
+"""The machine's page warns of this number of wrong tokens from one address, and again of 10, 100,
+... times this number.
 """
 DELAY_S, LONGEST_DELAY_S = 0.5, 5.0
-"""A wrong token is answered with a delay that grows each time."""
+"""Delay in s of the answer to a wrong token: at first, and at most; the delay grows with each wrong
+token.
+"""
 
 
 class Guard:
-    """Refuses requests sent by another site, adds the policies to every answer, and disconnects
-    clients that do not receive it.
+    """Refuses requests that another site caused, adds the content policies to every answer, and
+    disconnects clients that do not receive their answer.
 
     A site whose name points to this computer (DNS rebinding) sends its own name in ``Host``: the
     name must be a loopback name, the called address, or one of ``names``. The ``Origin`` of a POST
-    must prove that the page itself sent it: browsers add this line by themselves, other clients
-    must write it.
+    must prove that the page itself sent it: browsers add this header without a request, other
+    clients must write the header themselves.
     """
 
     def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
@@ -63,7 +67,7 @@ class Guard:
         self._names = {name.lower() for name in names}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request, or pass it on and complete the head of its answer."""
+        """Answer a forbidden request; pass any other request on and add headers to its answer."""
         if scope["type"] != "http":
             return
 
@@ -96,8 +100,9 @@ class Guard:
 
 
 def is_known_host(host: str, called: str, names: Collection[str]) -> bool:
-    """Return whether a ``Host`` header names this computer; ``called`` is the address at which the
-    connection arrived."""
+    """Return whether the name in a ``Host`` header means this computer; ``called`` is the address
+    at which the connection arrived.
+    """
     name = (
         host.rpartition(":")[0]
         if host.rpartition(":")[2].isdigit() and host.rpartition(":")[1]
@@ -114,8 +119,8 @@ def is_known_host(host: str, called: str, names: Collection[str]) -> bool:
 
 
 class Guesses:
-    """Wrong secrets by the address of their sender. ``on_guesses`` receives an address and its
-    count at ten and at each tenfold number.
+    """The counts of wrong tokens by the address of their sender. ``on_guesses`` receives an address
+    and its count at ten and at each tenfold number.
     """
 
     def __init__(self, on_guesses: Callable[[str, int], None]) -> None:
@@ -124,7 +129,7 @@ class Guesses:
         self.delay_s = DELAY_S
 
     def wrong(self, address: str) -> float:
-        """Add one to the count; return the delay of its answer in s."""
+        """Add one wrong token to the count of an address; return the delay of the answer in s."""
         count = self._failures.pop(address, 0) + 1
         self._failures[address] = count
         if len(self._failures) > MOST_ADDRESSES:
@@ -134,13 +139,13 @@ class Guesses:
         return min(self.delay_s * count, LONGEST_DELAY_S)
 
     def right(self, address: str) -> None:
-        """Reset the count: a user who has the secret may mistype it."""
+        """Reset the count of an address, because a user with the right token may mistype it."""
         self._failures.pop(address, None)
 
 
 class Access:
-    """Holders of the token. A browser that has sent the token before may also read files, by a
-    cookie that is not the token.
+    """The rights of the users with the token. A browser that has sent the token once may also read
+    files, by a cookie that differs from the token.
     """
 
     def __init__(self, token: str, on_guesses: Callable[[str, int], None]) -> None:
@@ -150,14 +155,14 @@ class Access:
 
     @property
     def needed(self) -> bool:
-        """Whether a token is configured."""
+        """Whether a token is configured, without which no command is accepted."""
         return bool(self._token)
 
     async def commands(self, request: Request) -> bool:
-        """Return whether the request carries the token, percent-encoded because a header holds only
-        ASCII.
+        """Return whether a request carries the right token. The token is percent-encoded, because a
+        header holds only ASCII.
 
-        False where none is configured.
+        False where no token is configured.
         """
         scheme, _, given = request.headers.get("authorization", "").partition(" ")
         return (
@@ -167,8 +172,8 @@ class Access:
         )
 
     async def is_token(self, request: Request, given: str) -> bool:
-        """Return whether the token is right, compared in constant time; a wrong token is counted
-        and answered late.
+        """Return whether a token is right, in constant time; a wrong token is counted and answered
+        late.
         """
         address = address_of(request)
         if hmac.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):
@@ -178,7 +183,9 @@ class Access:
         return False
 
     async def reads(self, request: Request) -> bool:
-        """Return whether files may be downloaded: by everybody where no token is configured."""
+        """Return whether the sender of a request may download files: everybody where no token is
+        configured.
+        """
         return (
             not self._token
             or request.cookies.get(COOKIE) in self._sessions
@@ -201,13 +208,14 @@ class Access:
 
 
 def address_of(request: HTTPConnection) -> str:
-    """Return the address of a request's sender."""
+    """Return the address from which a request was sent."""
     return request.client.host if request.client is not None else ""
 
 
 def refused(status: int, why: Words) -> Response:
-    """Return a refusal in words: ``error`` for a program, ``words`` for the user, in every
-    language."""
+    """Return a refusal as a response: ``error`` for a program, ``words`` for the user, in every
+    language.
+    """
     return JSONResponse(
         {"error": str(why), "words": in_every_language(why)}, status_code=status
     )

@@ -1,5 +1,5 @@
-"""Settings of a survey's page, and its secrets: the token and the key of its certificate, which no
-survey file and no log contains.
+"""Settings of a survey's page, and its secrets: the token and the key of the TLS certificate. No
+survey file and no log contains these secrets.
 
 A secret is a credential of the service (systemd's ``LoadCredential``), or a file beside the survey
 file that only its owner may read.
@@ -19,15 +19,15 @@ from stepdiag.daq.survey.models import Page, Survey
 from stepdiag.page.messages import PageSettings
 
 TOKEN, CERTIFICATE, KEY = "page-token", "page-certificate", "page-key"
-"""The names of the credentials."""
+"""Names of the secrets as credentials of the service."""
 SHORTEST_TOKEN = 16
-"""Smallest number of characters: fewer can be guessed."""
+"""Smallest number of characters of a token: shorter tokens can be guessed."""
 LONGEST_TOKEN_BYTES = 1000
-"""Size in bytes above which a file is not a token or password."""
+"""Size in bytes above which a file is not accepted as a token or password."""
 
 
 def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
-    """Return the settings of the page, and make the folder it shows.
+    """Return the settings of the page, and make the folder that the page shows.
 
     Raises UsageError for a secret that others may read, a short token, an invalid certificate.
     """
@@ -38,8 +38,8 @@ def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
     if certificate is not None and key is not None:
         _refuse_no_certificate(certificate, key, survey_file.name)
     folder = survey.folder(survey_file).resolve()
-    # the daemon reports a refusal; a folder that does not exist when the page starts stays closed
-    # to it
+    # the daemon reports an error of this folder; if the folder does not exist at the start, the
+    # page has no access to it later
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
     return PageSettings(
@@ -53,9 +53,7 @@ def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
 
 
 def in_the_clear(page: Page, settings: PageSettings) -> bool:
-    """Return whether other computers can reach the page, and their messages can be read on the
-    network.
-    """
+    """Return whether other computers can reach the page while its messages are not encrypted."""
     return not settings.certificate and not is_loopback(page.host)
 
 
@@ -68,7 +66,9 @@ def is_loopback(host: str) -> bool:
 
 
 def _file(survey_file: Path, credential: str, named: str) -> Path | None:
-    """Return the file of a credential, first the service's own; None where neither exists."""
+    """Return the file of a secret: first the service's credential, then the file beside the survey
+    file; None where neither exists.
+    """
     given = _credential(credential)
     if given is not None and given.is_file():
         return given
@@ -85,8 +85,8 @@ def _credential(name: str) -> Path | None:
 
 
 def secret_file(survey_file: Path, credential: str, named: str, field: str) -> Path | None:
-    """Return the file of a secret. Raises UsageError if the file is missing, or others may read
-    it.
+    """Return the file of a secret. Raises UsageError if the file is missing, or if other users may
+    read it.
     """
     path = _file(survey_file, credential, named)
     if path is None or path == _credential(credential):
@@ -109,8 +109,8 @@ def secret_file(survey_file: Path, credential: str, named: str, field: str) -> P
 
 
 def secret(survey_file: Path, credential: str, named: str, field: str) -> str:
-    """Return a secret of one line, empty if none is given. Raises the UsageError of `secret_file`,
-    and UsageError for a text of more lines.
+    """Return a secret of one line, empty if no file is named. Raises the UsageError of
+    `secret_file`, and UsageError for a text of more than one line.
     """
     path = secret_file(survey_file, credential, named, field)
     if path is None:

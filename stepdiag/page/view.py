@@ -1,8 +1,8 @@
 """A snapshot in the form for the browser, as two events: the parts that change with a stop or a
 setup, and the parts that are sent with every snapshot.
 
-Pure: a snapshot in, plain data out. Sentences of the daemon come in every language, places in the
-volume in mm; the browser only shows.
+The functions have no side effects: a snapshot in, plain data out. The data contain the sentences in
+every language and the places in the volume in mm, so the browser computes nothing.
 """
 
 from collections.abc import Sequence
@@ -41,10 +41,12 @@ SLOW_FIELDS = (
     "result_ready",
     "to_drive",
 )
-"""Parts that change with a stop or a setup; all others are sent with every snapshot."""
+"""Names of the parts of a snapshot that change with a stop or a setup; the other parts are sent
+with every snapshot.
+"""
 SEVERITIES = ("info", "warning", "error")
 SHAPED = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments"})
-"""Parts whose form differs from the daemon's."""
+"""Names of the parts that the browser receives in another form than the daemon has."""
 FAST_FIELDS = tuple(
     name
     for name in Snapshot.__struct_fields__
@@ -53,7 +55,7 @@ FAST_FIELDS = tuple(
 
 
 def survey_view(now: Snapshot) -> dict[str, Any]:
-    """Return the parts that change with a stop or a setup."""
+    """Return those parts of a snapshot that change with a stop or a setup."""
     plain = {name: getattr(now, name) for name in SLOW_FIELDS if name not in SHAPED}
     return {
         **plain,
@@ -64,7 +66,7 @@ def survey_view(now: Snapshot) -> dict[str, Any]:
 
 
 def now_view(now: Snapshot) -> dict[str, Any]:
-    """Return the parts that are sent with every snapshot."""
+    """Return those parts of a snapshot that are sent every time."""
     plain = {name: getattr(now, name) for name in FAST_FIELDS}
     head = headline(now)
     return {
@@ -102,11 +104,11 @@ def _link(one: LinkStatus | None) -> dict[str, Any] | None:
 
 
 def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
-    """Return one entry a cause: code, severity, number, open or past, and per language its sentence
-    and remedy.
+    """Return one entry per cause of findings: code, severity, number, whether it is open or past,
+    and by language its sentence and remedy.
 
-    Findings are given in the order of their occurrence. Errors come before warnings, open ones
-    before past ones, new ones before old ones.
+    Findings are given in the order of their occurrence. Errors come before warnings, open findings
+    before past ones, new findings before old ones.
     """
     groups: dict[tuple[str, ...], list[FindingStatus]] = {}
     for one in findings:
@@ -121,7 +123,7 @@ def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
 
 
 def _run_and_stop(one: FindingStatus) -> tuple[str, int | None]:
-    """Return the run and the stop of the finding."""
+    """Return the run and the stop of a finding."""
     return f"{one.at.setup} {one.at.way}", one.at.stop
 
 

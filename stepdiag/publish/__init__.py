@@ -2,6 +2,6 @@
 MQTT or OPC UA, from a separate process.
 
 In: the folder of a survey, read and never changed. Out: messages to a broker, or a server for
-clients. Needs the extra ``stepdiag[mqtt]`` or ``stepdiag[opcua]``; imported by `cli` only, inside
-its functions.
+clients. The package needs the extra ``stepdiag[mqtt]`` or ``stepdiag[opcua]``; only functions of
+`cli` import it.
 """

@@ -1,5 +1,5 @@
-"""The messages, each a JSON object with its own schema, made from the files in the survey's folder,
-which stay unchanged.
+"""The published messages, made from the files in the survey's folder, which stay unchanged. Each
+message is a JSON object with its own schema.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ SCHEMA = "schema"
 
 
 class _About(msgspec.Struct, frozen=True, kw_only=True):
-    """The common beginning of every message, after the name of its schema."""
+    """The members with which every message begins, after the name of its schema."""
 
     version: int = VERSION
     machine: str
@@ -35,15 +35,17 @@ class _About(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Online(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-online"):
-    """Whether the sending program runs; false is the last will stored at the broker."""
+    """The message whether the publishing program runs. "False" is stored at the broker as the last
+    will.
+    """
 
     online: bool
 
 
 class State(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-state"):
-    """Progress of the survey. The links are states as in the daemon's journal, empty where no
-    daemon records; ``damage`` is the reason of an unreadable last result, empty for a readable
-    result or none.
+    """The progress of the survey. The links have the states of the daemon's journal, and are empty
+    where no daemon records. ``damage`` is the reason why the last result is unreadable; otherwise
+    it is empty.
     """
 
     round: str
@@ -57,7 +59,7 @@ class State(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-s
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One finding, as in the result (docs/findings.md)."""
+    """One finding, with the members of a finding in a result (docs/findings.md)."""
 
     code: str
     severity: Literal["info", "warning", "error"]
@@ -69,14 +71,14 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Findings(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-findings"):
-    """The findings about the data of the last result."""
+    """The message with the findings about the data of the last result."""
 
     round: str
     findings: tuple[Finding, ...]
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """One number of a result, as in the archive (docs/fleet.md)."""
+    """One number of a result, with the columns of the archive (docs/fleet.md)."""
 
     quantity: str
     axis: str
@@ -88,7 +90,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Judged(msgspec.Struct, frozen=True, kw_only=True):
-    """A figure and its tolerance, as in the result (docs/uncertainty.md)."""
+    """A figure and its tolerance, with the members of the result (docs/uncertainty.md)."""
 
     quantity: str
     unit: str
@@ -103,7 +105,9 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
 class ResultMessage(
     _About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-result"
 ):
-    """The numbers of the last result; ``sha256`` is the hash of its file."""
+    """The message with the numbers of the last result; ``sha256`` is the hash of the
+    result's file.
+    """
 
     round: str
     begun: str
@@ -113,7 +117,7 @@ class ResultMessage(
     sha256: str
     rows: tuple[Row, ...]
     conformity: tuple[Judged, ...] = ()
-    """Every figure with a tolerance, as found; empty without one."""
+    """The verdicts on every figure with a tolerance, as found; empty without a tolerance."""
 
 
 Message = Online | State | Findings | ResultMessage
@@ -126,8 +130,9 @@ def schemas() -> dict[str, Any]:
 
 
 def topic_of(message: Message | type[Message], survey: Survey, prefix: str) -> str:
-    """Return where a message is published: PREFIX/MACHINE/SURVEY/WHAT, names percent-encoded, since
-    ``/``, ``+`` and ``#`` part topics."""
+    """Return the topic of a message: PREFIX/MACHINE/SURVEY/WHAT. Names are percent-encoded, since
+    ``/``, ``+`` and ``#`` separate topics.
+    """
     what = _name_of(message if isinstance(message, type) else type(message)).removeprefix(
         "stepdiag-"
     )
@@ -142,8 +147,8 @@ def topic_of(message: Message | type[Message], survey: Survey, prefix: str) -> s
 
 
 class Watched:
-    """The folder of one survey with its present messages; a result is read again only if its file
-    has changed.
+    """The folder of a survey, and its present messages; a result is read again only if its file has
+    changed.
     """
 
     def __init__(self, survey: Survey, folder: Path) -> None:
@@ -153,40 +158,40 @@ class Watched:
 
     @property
     def name(self) -> str:
-        """Return the survey's name."""
+        """Return the name of the survey."""
         return self._name
 
     def online(self, *, online: bool) -> Online:
-        """Return the first message, or the last."""
+        """Return the message that states whether the publishing program runs."""
         return Online(online=online, machine=self._machine, survey=self._name)
 
     def now(self) -> tuple[Message, ...]:
-        """Return the state, findings and result if readable; the state names the fault of an
-        unreadable result.
+        """Return the messages with the state, the findings and the result if it is readable; the
+        state names the fault of an unreadable result.
         """
         last, published, damage, complete, live = None, None, "", False, None
         try:
             live = live_in(
                 self.folder
-                # without the lock: a request for it could prevent a daemon that starts at this
-                # moment from getting it
+                # the lock is not tested: a test could take the lock from a daemon that starts at
+                # this moment
             )
             rounds = round_folders(self.folder)
             last = rounds[-1] if rounds else None
             complete = (
                 last is not None and (last / RESULT).is_file()
-            )  # a result that arrives at this moment belongs to the next look
+            )  # a result that arrives during this function is published the next time
             published = self._published_of(last) if last is not None and complete else None
         except (
             StepdiagError,
             OSError,
-        ) as error:  # a file that was cut off while copying, or a share that is not available
+        ) as error:  # an incompletely copied file, or a share that is not available
             damage = str(error)
         return (self._state(last, live, damage, complete=complete), *(published or ()))
 
     def history(self) -> Iterator[tuple[Findings, ResultMessage]]:
-        """Yield findings and result of every round, oldest first; an unreadable round is left
-        out.
+        """Yield findings and result of every round, oldest first; a round with an unreadable result
+        is left out.
         """
         rounds: list[Path] = []
         with suppress(OSError):

@@ -1,5 +1,5 @@
-"""The information models of the OPC Foundation in a server, from its published nodesets (folder
-``nodesets``, unchanged).
+"""The information models of the OPC Foundation in a server, imported from their published nodesets
+(folder ``nodesets``, unchanged).
 
 OPC 40001-101 (Result Transfer) 1.00.0, and OPC 40501-1 (Machine Tools) 1.01.1 with its bases: DI
 1.04.0, IA 1.01.2, OPC 40001-1 (Machinery) 1.02.0.
@@ -21,7 +21,9 @@ _RESULT, _META = 3008, 3007
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Models:
-    """Indices of the namespaces of results and of machine tools."""
+    """Indices of two namespaces in the server: that of the results and that of the machine
+    tools.
+    """
 
     results: int
     machine_tool: int
@@ -29,13 +31,13 @@ class Models:
 
 async def add_models(server: Server) -> Models:
     """Import the nodesets into a server that is initialised but not started; asyncua puts the
-    classes of their structures into ``ua``.
+    classes of the nodesets' structures into ``ua``.
     """
     for name in ORDER:
         await server.import_xml(xmlstring=importable(name))
     index = await server.get_namespace_index(_URI.format("Machinery/Result"))
-    # The published definition for clients: an extension object on the wire (OPC 10000-6, 5.2.7), of
-    # this type or a subtype.
+    # a client reads the published definition as an extension object (OPC 10000-6, 5.2.7), of this
+    # type or a subtype
     node = server.get_node(ua.NodeId(_RESULT, index))
     defined = await node.read_data_type_definition()
     defined.StructureType = ua.StructureType.StructureWithSubtypedValues
@@ -51,9 +53,10 @@ def importable(name: str) -> str:
     """Return a nodeset in the form that asyncua 2.1 can import.
 
     A variable without a data type is of BaseDataType, the default of the schema (OPC 10000-6, F.6).
-    Default values of the structures defined by the nodeset itself are left out: their classes do
-    not exist yet (KeyError). The meta data of a result are an abstract structure here: asyncua
-    writes a field that permits subtypes without the header of an extension object.
+    Default values of the structures defined by the nodeset itself are left out: the classes of
+    these structures do not exist yet (KeyError). The meta data of a result are declared as an
+    abstract structure, because asyncua writes a field that permits subtypes without the header of
+    an extension object.
     """
     root = ET.parse(FOLDER / f"{name}.NodeSet2.xml").getroot()  # noqa: S314  # a file of this package
     for kind in ("UAVariable", "UAVariableType"):

@@ -1,5 +1,5 @@
-"""To a broker by MQTT: retained messages at least once, sent when they change, and again after
-every new connection.
+"""Publication to a broker by MQTT. Messages are retained and sent at least once, whenever they
+change, and again after every new connection.
 
 An absent broker is tried again at growing intervals; a refusing broker ends the program with a
 message. Neither affects the recording, which runs in a separate process.
@@ -33,25 +33,25 @@ REFUSALS = {
     "Not authorized",
     "Banned",
 }
-"""Answers to a connection (MQTT 5.0, 3.2.2.2) that a repetition does not change."""
+"""Answers of a broker to a connection (MQTT 5.0, 3.2.2.2) that a repetition does not change."""
 FIRST_WAIT_S, LONGEST_WAIT_S = 1.0, 60.0
 ANSWER_S = 10.0
-"""Longest time for an answer of a broker in s."""
+"""Longest time in s for an answer of the broker."""
 QOS = 1
 LONGEST_PACKET, MOST_HEARD = 8_192, 65_536
 """Largest size of one packet, and of all packets between two readings of the survey, in bytes:
 without subscriptions a broker only acknowledges.
 """
 PATIENCE_S = 5.0
-"""Longest time for the last message at the end of the program, in s."""
+"""Longest time in s for sending the last message at the end of the program."""
 
 _log = structlog.get_logger("publish")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Broker:
-    """Address and account of a broker. ``authority`` is a file of certificates to trust instead of
-    the system's; ``secure`` is TLS.
+    """Address and account of a broker. ``authority`` is a file of certificates that are trusted
+    instead of those of the operating system; ``secure`` means TLS.
     """
 
     host: str
@@ -63,7 +63,7 @@ class Broker:
 
     @property
     def address(self) -> str:
-        """Return the address in words."""
+        """Return the address of the broker as a text."""
         return f"{self.host}:{self.port}"
 
 
@@ -76,7 +76,7 @@ def publish(
     every_s: float,
     once: bool,
 ) -> None:
-    """Send until SIGTERM or SIGINT, or once.
+    """Send the messages of a survey until SIGTERM or SIGINT, or with ``once`` a single time.
 
     Raises DeviceError for a refusing broker, with ``once`` also for an absent broker, and
     UsageError for invalid certificates.
@@ -97,7 +97,7 @@ class _Publisher:
         self._damage = ""
 
     async def run(self, *, once: bool) -> None:
-        """Send until the end; the last message does not wait for a slow broker."""
+        """Send messages until the end; the last message does not wait for a slow broker."""
         self._stop = stopped_by_signal()
         stand_back(self._watched.folder, calls=self._broker.port)
         sending, stopped = (
@@ -151,15 +151,15 @@ class _Publisher:
         )
 
     async def _send(self, client: "_Client", *, once: bool) -> None:
-        """Send the changes, and read the survey again after a while; a lost connection raises an
-        error at once, not only at the next message.
+        """Send the messages that changed, and read the survey again after a while; a lost
+        connection raises an error at once, not only at the next message.
         """
         sent: dict[str, bytes] = {}
         if once:
             state, *others = self._watched.now()
             for topic in (state, *others):
                 await self._put(client, topic, sent)
-            if isinstance(state, State) and state.damage:  # no caller looks at it again
+            if isinstance(state, State) and state.damage:  # no other code uses this task
                 raise DataError(
                     self._watched.name,
                     expected=message("readable-result"),
@@ -204,7 +204,9 @@ class _Publisher:
             sent[topic] = payload
 
     def _judge(self, error: Exception, *, once: bool) -> None:
-        """Raise DeviceError where a repetition would end in the same way, or is not wanted."""
+        """Raise DeviceError where a repetition of the connection would fail in the same way, or is
+        not wanted.
+        """
         code = error.rc if isinstance(error, aiomqtt.MqttCodeError) else None
         refused = isinstance(code, ReasonCode) and code.getName() in REFUSALS
         untrusted = "CERTIFICATE_VERIFY_FAILED" in str(error)
@@ -221,7 +223,7 @@ class _Publisher:
 
 
 class _Client(aiomqtt.Client):
-    """A client that receives a limited number of bytes, and no messages: the library would keep
+    """An MQTT client that limits the received bytes and accepts no messages: the library would keep
     every packet of a broker, up to 268 MB each.
     """
 
@@ -231,15 +233,15 @@ class _Client(aiomqtt.Client):
         paho: Any = self._client
         self._receive = paho._sock_recv  # noqa: SLF001  # it has no other place where a limit could stand
         paho._sock_recv, paho._handle_publish = self._received, self._refused  # noqa: SLF001
-        # the library binds its side to any port first, which the walls of this process forbid
-        # (`stepdiag.walls.confine`)
+        # the library would first bind its socket to any port, which the walls of this process
+        # forbid (`stepdiag.walls.confine`)
         paho._create_socket_connection = lambda: socket.create_connection(  # noqa: SLF001
             (paho.host, paho.port), timeout=paho.connect_timeout
         )
 
     def let_go(self) -> None:
-        """Close the open connection: after an unexpected packet the library leaves it open and
-        continues to read.
+        """Close the open connection: after an unexpected packet, the library would leave the
+        connection open and continue to read.
         """
         sock = self._client.socket()
         if sock is not None and sock.fileno() >= 0:
@@ -260,7 +262,7 @@ class _Client(aiomqtt.Client):
 
 
 async def _until_lost(client: aiomqtt.Client) -> None:
-    async for _ in client.messages:  # no topic is subscribed to
+    async for _ in client.messages:  # the client subscribes to no topic
         pass
 
 
@@ -271,7 +273,7 @@ def _context(broker: Broker) -> ssl.SSLContext | None:
         return ssl.create_default_context(
             cafile=None if broker.authority is None else str(broker.authority)
         )
-    except OSError as error:  # ssl.SSLError is one
+    except OSError as error:  # ssl.SSLError is an OSError
         raise UsageError(
             str(broker.authority),
             expected=message("pem-certificates"),

@@ -1,9 +1,9 @@
 """A server of OPC UA: results, state and findings of one survey (`stepdiag.publish.station`), read
 only.
 
-It uses only the public interface of asyncua. The library limits connections, messages and
-subscriptions; the walls of the process and its unit limit the rest (docs/security.md). So a client
-can end this server but never the recording, which runs in another process.
+This module uses only the public interface of asyncua. The library limits connections, messages and
+subscriptions; the walls of the process and its unit limit all other resources (docs/security.md).
+So a client can end this server but never the recording, which runs in another process.
 """
 
 import asyncio
@@ -30,11 +30,13 @@ from stepdiag.publish.process import stand_back, stopped_by_signal
 from stepdiag.publish.station import Station
 
 MOST_CONNECTIONS, ACTIVATION_S, SESSION_S = 100, 15.0, 120.0
-"""Largest number of connections, longest time of a connection without an admitted session, and life
-of a session after its connection, in s.
+"""Largest number of connections; longest time in s of a connection without an admitted session;
+time in s for which a session outlives its connection.
 """
 LONGEST_MESSAGE, CHUNK = 262_144, 65_535
-"""Largest size of a request in bytes: in memory it needs a few hundred times as much."""
+"""Largest size in bytes of a request, and of one of its chunks: in memory a request needs a few
+hundred times as much.
+"""
 MOST_SUBSCRIPTIONS, LONGEST_QUEUE, MOST_UNACKNOWLEDGED = 200, 10, 10
 
 _log = structlog.get_logger("publish")
@@ -55,18 +57,18 @@ class Endpoint:
 
     @property
     def url(self) -> str:
-        """Return the address in the form for clients."""
+        """Return the URL of the server for clients."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"opc.tcp://{host}:{self.port}/stepdiag"
 
 
 def serve(watched: Watched, survey: Survey, endpoint: Endpoint, *, every_s: float) -> None:
-    """Serve until SIGTERM or SIGINT. Raises DeviceError if the address cannot be opened, UsageError
-    for an invalid certificate or key.
+    """Serve the survey until SIGTERM or SIGINT. Raises DeviceError if the address cannot be opened,
+    UsageError for an invalid certificate or key.
     """
     logging.getLogger("asyncua").setLevel(
         logging.CRITICAL
-    )  # it reports every client that leaves early or requests too much
+    )  # the library reports every client that leaves early or requests too much
     asyncio.run(_serve(watched, survey, endpoint, every_s))
 
 
@@ -74,9 +76,7 @@ async def _serve(
     watched: Watched, survey: Survey, endpoint: Endpoint, every_s: float
 ) -> None:
     stop = stopped_by_signal()
-    with _opening(
-        endpoint
-    ):  # now, and not after the seconds in which the address space is built
+    with _opening(endpoint):  # tried before the address space is built, which takes seconds
         tried = await asyncio.get_running_loop().create_server(
             asyncio.Protocol, endpoint.host, endpoint.port, start_serving=False
         )
@@ -99,8 +99,8 @@ async def _serve(
 
 @contextmanager
 def _kept() -> Iterator[None]:
-    """Make objects that live as long as the process: the garbage collector does not examine them,
-    which took two fifths of the start.
+    """Make objects that live as long as the process, without garbage collection: the collector took
+    two fifths of the start to examine them.
     """
     gc.disable()
     try:
@@ -124,14 +124,14 @@ def _opening(endpoint: Endpoint) -> Iterator[None]:
 
 
 async def _prepared(endpoint: Endpoint) -> Server:
-    """Return a server with its security settings, not started yet. Raises UsageError for
-    certificate and key.
+    """Return a server with its security settings, not started yet. Raises UsageError for an invalid
+    certificate or key.
     """
     secure = endpoint.certificate is not None and endpoint.key is not None
     server = Server(user_manager=_Users(endpoint.user, endpoint.password, secure=secure))
     _limit(server)
-    # before the address space is built, which takes most of the start: a wrong file is refused at
-    # once
+    # before the address space is built, which takes most of the start, so that a wrong file is
+    # refused at once
     for path, load in (
         (endpoint.certificate, server.load_certificate),
         (endpoint.key, server.load_private_key),
@@ -164,7 +164,7 @@ async def _prepared(endpoint: Endpoint) -> Server:
 
 
 def _limit(server: Server) -> None:
-    """Set every limit of the library for the connections and messages of clients."""
+    """Set every limit of the library for connections and messages of clients."""
     inner, wire = server.iserver, server.limits
     inner.max_connections, inner.max_pending_activation_seconds = (
         MOST_CONNECTIONS,
@@ -219,12 +219,12 @@ def _uri_of(certificate: Any) -> str:
 
 
 class _Users:
-    """Admitted users: every client to read, or a single user with a password. No client may change
-    anything.
+    """Admission of users: every client may read, or only a single user with a password. No client
+    may change anything.
 
-    The library opens an unencrypted channel for every client, to query its channels, and also a
-    session over it: a client without a certificate arrives in this way, and an encrypted server
-    (``secure``) refuses it here.
+    The library opens an unencrypted channel for every client that queries the server's channels,
+    and would also open a session over it: an encrypted server (``secure``) refuses such a session
+    here.
     """
 
     def __init__(self, user: str | None, password: str | None, *, secure: bool) -> None:
@@ -240,7 +240,7 @@ class _Users:
         password: Any = None,
         certificate: Any = None,
     ) -> User | None:
-        """Return the user for a name and a password; None if they are wrong, and for an unencrypted
+        """Return the user of a name and a password; None if they are wrong, and for an unencrypted
         client.
         """
         if self._secure and not certificate:

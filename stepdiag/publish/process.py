@@ -13,9 +13,11 @@ import structlog
 from stepdiag.walls.confine import confine_publisher, readable_by_program
 
 MOST_MEMORY = 2**30
-"""Largest memory in bytes, whatever the network sends; a server of OPC UA needs 160 MB."""
+"""Largest memory in bytes of the process, whatever the network sends; a server of OPC UA needs 160
+MB.
+"""
 NAMES = ("/etc", "/run/systemd/resolve")
-"""Files for the names of hosts, and the authorities of certificates."""
+"""Files that the process reads for host names and for the certificate authorities."""
 BEHIND = 5
 """Niceness of the publishing process."""
 
@@ -23,11 +25,11 @@ _log = structlog.get_logger("publish")
 
 
 def stand_back(folder: Path, *, calls: int = 0) -> None:
-    """Leave the processor and memory to the recording if both need them; then set up the walls
+    """Give recording priority in processor and memory; then set up the walls
     (`stepdiag.walls.confine`).
 
-    ``folder`` is the survey's; ``calls`` is the port of the called server, 0 for a program that is
-    the server. The journal names walls that could not be set up.
+    ``folder`` is the folder of the survey. ``calls`` is the port of the server that this program
+    calls, 0 if it is a server itself. The journal names the walls that could not be set up.
     """
     os.nice(BEHIND)
     allowed = [
@@ -43,7 +45,9 @@ def stand_back(folder: Path, *, calls: int = 0) -> None:
 
 
 def stopped_by_signal() -> asyncio.Event:
-    """Return an event set by SIGTERM or SIGINT; only within a running loop."""
+    """Return an event that SIGTERM or SIGINT sets. The function works only within a running
+    loop.
+    """
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for name in (signal.SIGTERM, signal.SIGINT):

@@ -31,8 +31,8 @@ from stepdiag.fleet.trend import Trend, trends_of
 
 
 def leavings(folder: Path, now: datetime) -> list[Trend]:
-    """Return the series with a date at which they leave the tolerance of the last result; an
-    unreadable round is left out.
+    """Return the series with a date at which they leave a tolerance of the last result; a round
+    with an unreadable result is left out.
     """
     found = list(_results(folder))
     judged = found[-1][1].conformity if found else None
@@ -56,8 +56,8 @@ def leavings(folder: Path, now: datetime) -> list[Trend]:
 
 
 def _series(quantity: str, found: Sequence[tuple[Survey, Result]]) -> Iterator[Series]:
-    """Yield a figure over the surveys that state it; a figure of the volume separately for each
-    volume.
+    """Yield the series of a figure over the surveys that state this figure; for a figure of the
+    volume, one series per volume.
     """
     stating = [
         (survey, row)

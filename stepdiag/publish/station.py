@@ -22,7 +22,7 @@ from stepdiag.texts.texts import UNITS
 
 OWN_NAMESPACE = "urn:stepdiag:publish"
 UNKNOWN = -1
-"""The error of a method for a result or a handle that does not exist; the model leaves values below
+"""Error code of a method for a result or a handle that does not exist; the model leaves codes below
 0 to the application.
 """
 MOST_HANDLES = 1000
@@ -32,7 +32,7 @@ EVALUATED = {
     "not_conform": "NotOK",
     "not_decidable": "NotDecidable",
 }
-"""The verdict about a machine in the terms of OPC 40001-101."""
+"""The verdicts about a machine, each with its term in OPC 40001-101."""
 _MINUTE = "%Y-%m-%d %H:%M UTC"
 _RESULT, _RESULT_TYPE, _EVENT_TYPE, _MANAGEMENT_TYPE = 3008, 2001, 1002, 1004
 _NOTIFICATION_TYPE, _MAINTENANCE_TYPE = 7, 9
@@ -41,7 +41,7 @@ _log = structlog.get_logger("publish")
 
 
 class Station:
-    """The machine's object: created once, then updated."""
+    """The machine's object in the address space: created once, then updated."""
 
     def __init__(self, server: Server, models: Models, own: int) -> None:
         self._server, self._models, self._own = server, models, own
@@ -56,7 +56,7 @@ class Station:
 
     @classmethod
     async def made(cls, server: Server, survey: Survey, watched: Watched) -> "Station":
-        """Add the models and the object to a server, with every existing result."""
+        """Add the models and the machine's object to a server, with every existing result."""
         station = cls(
             server, await add_models(server), await server.register_namespace(OWN_NAMESPACE)
         )
@@ -102,7 +102,7 @@ class Station:
             {"Prognoses"},
         )
         self._prognoses = parts["Prognoses"]
-        # the model's own type of event is abstract: the sent events have a type below it
+        # the event type of the model is abstract: the events that are sent have a subtype
         event = await server.get_node(
             ua.NodeId(_EVENT_TYPE, self._models.results)
         ).add_object_type(own, "StepdiagResultReadyEventType")
@@ -111,8 +111,8 @@ class Station:
     async def _instance(
         self, parent: Any, name: str, index: int, kind: int, offered: set[str]
     ) -> tuple[Any, dict[str, Any]]:
-        """Add an object of a type of a model; return the object with its optional parts named in
-        ``offered``.
+        """Add an object of a type of a model; return the object. ``offered`` names its optional
+        parts.
         """
         named = ua.QualifiedName(name, index)
         node = await parent.add_object(
@@ -127,7 +127,7 @@ class Station:
         return node, parts
 
     async def write(self, watched: Watched) -> None:
-        """Write the present state and findings, of a single moment and round, and offer a new
+        """Write the present state and findings, both of the same moment and round, and offer a new
         result.
         """
         state, *result = watched.now()
@@ -144,7 +144,7 @@ class Station:
         elif not values["complete"] or values["round"] != self._round:
             values[
                 "findings"
-                # findings of another round, or of a removed result, are no findings of this round
+                # findings of another round, or of a removed result, do not belong to this round
             ] = []
         self._round, now = values["round"], datetime.now(UTC)
         for name, value in values.items():
@@ -169,7 +169,7 @@ class Station:
         if name in self._results:
             self._results[name] = (
                 self._results.pop(name) if new else self._results[name]
-            )  # put back unchanged: the latest value once more
+            )  # put back unchanged: the latest value is sent once more
             return False
         meta = self._meta(name, findings, published)
         content = [
@@ -196,8 +196,9 @@ class Station:
         return True
 
     def _meta(self, name: str, findings: Findings, published: ResultMessage) -> Any:
-        """Return the meta data: the part is the machine, the job the survey. A calibration without
-        a tolerance is not judged OK or not."""
+        """Return the meta data of a result: the part is the machine, the job is the survey. A
+        calibration without a tolerance has no verdict.
+        """
         wrong = sorted({each.code for each in findings.findings if each.severity == "error"})
         judged = [one.verdict for one in published.conformity or ()]
         verdict = together(judged) if judged else ""
@@ -219,7 +220,9 @@ class Station:
         )
 
     async def _variable(self, name: str, result: Any) -> None:
-        """Add the variable of a result, with a component for each of its meta data with a value."""
+        """Add the variable of a result, with a component for each part of its meta data that has a
+        value.
+        """
         index, own = self._models.results, self._own
         kind, named = (
             self._server.get_node(ua.NodeId(_RESULT_TYPE, index)),
@@ -249,8 +252,8 @@ class Station:
         await node.write_value(ua.Variant(result, ua.VariantType.ExtensionObject))
 
     async def _predict(self, trends: list[Trend]) -> None:
-        """Write a prognosis of maintenance for each figure that leaves its tolerance, replacing the
-        earlier prognoses.
+        """Write a prognosis of maintenance for each figure that leaves its tolerance; the earlier
+        prognoses are removed.
         """
         await self._server.delete_nodes(await self._prognoses.get_children(), recursive=True)
         index = self._models.machine_tool
@@ -292,8 +295,8 @@ class Station:
         return [ua.Variant(0 if known else UNKNOWN, ua.VariantType.Int32)]
 
     def _given(self, result: Any) -> list[ua.Variant]:
-        """Return handle, result and error. A handle reserves nothing here, since no result is ever
-        removed; the oldest handles are discarded.
+        """Return a handle, the result and an error code. A handle reserves no result, since no
+        result is ever removed; the oldest handles are discarded.
         """
         if result is not None:
             self._last_handle = self._last_handle % 0xFFFF_FFFF + 1
@@ -315,7 +318,7 @@ def result_id(published: ResultMessage) -> str:
 
 
 def _members(meta: Any) -> dict[str, Any]:
-    """Return the meta data that have a value, by name."""
+    """Return those meta data of a result that have a value, by name."""
     return {
         field.name: value
         for field in fields(meta)

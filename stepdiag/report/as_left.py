@@ -1,5 +1,6 @@
-"""The certificate's last page: the machine measured again after loading, predicted against measured
-with U."""
+"""The last page of the report: the machine measured again after loading; the predicted and the
+measured errors with U.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -23,8 +24,9 @@ def build_as_left(
     letterhead: Letterhead | None = None,
     language: Language = "en",
 ) -> Report:
-    """Return the page; ``concluded`` is the conclusion about the machine before, ``exported`` are
-    the files that were loaded."""
+    """Return the last page; ``concluded`` is the conclusion about the machine before loading,
+    ``exported`` are the files that were loaded.
+    """
     words = {**catalogue("common", language), **catalogue("report", language)}
     html = template("as_left.html").render(
         **page_parts(),
@@ -43,7 +45,7 @@ def build_as_left(
 
 
 def _changes(before: Result, after: Result, words: Mapping[str, str]) -> Table:
-    """Return squareness and scale before and after, each with its U (k = 2)."""
+    """Return squareness and scale before and after loading, each with its U (k = 2)."""
     rows = [
         (name, certificate.with_u(q), certificate.with_u(after.squareness[name]), "µrad")
         for name, q in before.squareness.items()

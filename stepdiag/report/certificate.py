@@ -1,5 +1,5 @@
-"""The first page of the report: persons, object, time, instruments and convention, and the volume
-as found, predicted and as left.
+"""The first page of the report: persons, object, time, instruments and convention, and the
+volumetric errors as found, as predicted and as left.
 """
 
 import base64
@@ -51,7 +51,9 @@ FACTS = (
     "event",
     "corrected",
 )
-"""Entries of ``survey`` in the result, in the order of the page; each is a key of the catalogue."""
+"""Members of the result's ``survey`` in the order of the page; the name of each is a key of the
+catalogue.
+"""
 DUE = {
     "customer",
     "machine",
@@ -62,7 +64,9 @@ DUE = {
     "instrument_certificate",
     "sensors",
 }
-"""Entries that a customer expects: "not stated" without a statement."""
+"""Members of ``survey`` that a customer expects: without a statement the page shows "not
+stated".
+"""
 PICTURES = {
     ".png": "image/png",
     ".jpg": "image/jpeg",
@@ -76,7 +80,7 @@ Gain = Literal["better", "same", "worse", "unsure"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Letterhead:
-    """The issuer of the report: ``logo`` is a picture as a data address, empty without a logo."""
+    """The issuer of the report: ``logo`` is a picture as a data URL, empty without a logo."""
 
     company: str = ""
     address: tuple[str, ...] = ()
@@ -85,7 +89,8 @@ class Letterhead:
 
 def read_letterhead(path: Path) -> Letterhead:
     """Return the letterhead in a settings file: ``company``, ``address``, ``logo`` (a picture
-    beside it). Raises UsageError."""
+    beside the file). Raises UsageError.
+    """
     fields = read_toml(read_text(path), str(path))
     unknown = sorted(fields.keys() - {"company", "address", "logo"})
     if unknown or not all(
@@ -123,7 +128,9 @@ def _picture(path: Path) -> str:
 
 
 def _compensation(result: Result, words: Mapping[str, str]) -> str:
-    """Return the tables active during the measurement, with the files and their hashes."""
+    """Return a text about the tables that were active during the measurement, with their files and
+    hashes.
+    """
     statement = stated_in(result)
     state = words[
         f"compensation_{statement.state}"
@@ -144,8 +151,8 @@ def _compensation(result: Result, words: Mapping[str, str]) -> str:
 def facts_table(
     result: Result, words: Mapping[str, str], laboratory: Laboratory | None = None
 ) -> Table:
-    """Return operator, object, time and instruments; an entry of `DUE` that neither survey nor
-    laboratory states is "not stated".
+    """Return a table of operator, object, time and instruments; a member in `DUE` that neither
+    survey nor laboratory states is "not stated".
     """
     known = _known(result.survey or Facts(), laboratory or Laboratory())
     shadowed = {"date"} if known.begun else set()
@@ -167,8 +174,8 @@ def facts_table(
 
 
 def _known(facts: Facts, laboratory: Laboratory) -> Facts:
-    """Return the facts of a survey; the statements of the laboratory's file replace them, as in the
-    certificate.
+    """Return the facts of a survey; the statements in the laboratory's file replace these facts, as
+    in the certificate.
     """
     of_survey = Equipment(
         name=facts.instrument,
@@ -193,7 +200,7 @@ def _known(facts: Facts, laboratory: Laboratory) -> Facts:
 
 
 def signatures(laboratory: Laboratory | None, words: Mapping[str, str]) -> Table:
-    """Return a row for every person who signs, with space for date and signature."""
+    """Return a table with a row for every person who signs, with space for date and signature."""
     persons = (laboratory.person if laboratory is not None else ()) or (Person(),)
     missing = words["compensation_unstated"]
     rows = [(one.name or missing, one.role or missing, "", "") for one in persons]
@@ -203,7 +210,9 @@ def signatures(laboratory: Laboratory | None, words: Mapping[str, str]) -> Table
 
 
 def _fact(value: object) -> str:
-    """Return a fact as stated: a wavelength keeps its six digits."""
+    """Return a fact as a text in the form in which it was stated: a wavelength keeps its six
+    digits.
+    """
     return f"{value:.9g}" if isinstance(value, float) else shown(value)
 
 
@@ -214,8 +223,8 @@ def effect_table(
     words: Mapping[str, str],
     language: Language,
 ) -> Table | None:
-    """Return every figure as found, predicted and as left, and its tolerance, if stated, with the
-    verdict, at k = 2.
+    """Return a table of the figures as found, as predicted and as left, at k = 2, each with its
+    tolerance and verdict if a tolerance is stated.
 
     None where no volume was surveyed and no tolerance is stated.
     """
@@ -289,7 +298,7 @@ def _cells(
 
 
 def _verdict(one: Judged, language: Language) -> str:
-    """Return the verdict with the probability of conformity."""
+    """Return the verdict about a figure with its probability of conformity."""
     return verdict_words(one, language) + (
         ""
         if one.probability is None
@@ -305,12 +314,12 @@ def _between(one: Judged) -> str:
 
 
 def with_u(number: Quantity) -> str:
-    """Return a number with its expanded uncertainty."""
+    """Return a number with its expanded uncertainty as a text."""
     return even(number.value, None if number.u is None else COVERAGE * number.u)
 
 
 def interval_words(found: Interval | None) -> str:
-    """Return an interval in um in the form for a person; a dash without an interval."""
+    """Return an interval in um as a person reads it; a dash without an interval."""
     if found is None:
         return shown(None)
     low, high = found.shown()
@@ -318,8 +327,8 @@ def interval_words(found: Interval | None) -> str:
 
 
 def bound_words(found: Interval | None) -> str:
-    """Return the upper bound of a largest vector in words, as in the conclusion: its lower bound is
-    no promise.
+    """Return the upper limit of the largest error vector in words, as in the conclusion: a lower
+    limit would be no promise.
     """
     high = "" if found is None else found.shown()[1]
     return f"≤ {high}" if high else interval_words(found)
@@ -327,7 +336,7 @@ def bound_words(found: Interval | None) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AsLeft:
-    """The volume measured again after the files were loaded: its figures, their place, and whether
+    """The volume measured again after the files were loaded: its figures, their source, and whether
     the prediction is confirmed.
     """
 
@@ -335,12 +344,12 @@ class AsLeft:
     rms: Interval
     largest: Interval
     kept: bool | None
-    """Whether the measured rms agrees with the prediction, both with their U; None where one of
-    them has none.
+    """Whether the measured rms agrees with the prediction, both with their U; None where
+    measurement or prediction has no U.
     """
     gain: Gain = "unsure"
-    """Change of the machine: an interval completely below or above the interval as found is better
-    or worse, an overlapping interval neither.
+    """Change of the machine: better or worse if the new interval lies completely below or above the
+    interval as found, otherwise neither.
     """
     squareness: Mapping[str, Quantity] = field(default_factory=dict)
     judged: tuple[Judged, ...] = ()
@@ -349,13 +358,13 @@ class AsLeft:
 def as_left(
     source: str, again: Conclusion, found: Reach | None, after: Result | None = None
 ) -> AsLeft:
-    """Return the check of the effect predicted before loading (``found``) by a survey after it:
+    """Check the effect that ``found`` predicted before loading by a survey after loading; return
     whether the prediction is confirmed, and the gain.
 
-    ``after`` is the result of that survey, for its squareness and its verdicts.
+    ``after`` is the result of the survey after loading, for its squareness and its verdicts.
 
-    Raises ``UsageError`` where an axis did not travel in one of the two: such a survey gives no
-    statement about a volume.
+    Raises ``UsageError`` where an axis did not travel in one of the two surveys: such a survey
+    gives no statement about a volume.
     """
     if again.reach is None or found is None:
         what = message("axis-not-travelled")
@@ -382,8 +391,8 @@ def as_left(
 
 
 def _beside(one: Interval, other: Interval) -> int | None:
-    """Return -1 or 1 if an interval is completely below or above another, 0 for an overlap, None
-    without ends.
+    """Return -1 if an interval lies completely below another, 1 if completely above, 0 for an
+    overlap, None without limits.
     """
     if (
         one.low_um is None

@@ -1,4 +1,4 @@
-"""Conclusion and report of a complete survey, in files beside its logs."""
+"""Conclusion and report of a complete survey, written into files beside the logs."""
 
 from pathlib import Path
 
@@ -39,7 +39,9 @@ def write_completed_report(done: Completed) -> Path:
 
 
 def concluded(done: Completed) -> Conclusion:
-    """Return the conclusion of a completed survey: first the exports, then the refused ones."""
+    """Return the conclusion of a completed survey; the exports that were written come before the
+    refused exports.
+    """
     exports = [export_of(each) for each in done.exports]
     exports += [Export(controller=name, refused=why) for name, why in done.refusals.items()]
     return conclude(done.result, exports)

@@ -1,4 +1,6 @@
-"""The report as one self-contained HTML file: no network, no other file, no clock."""
+"""The report as one self-contained HTML file that depends on no network, no other file and no
+clock.
+"""
 
 import base64
 import hashlib
@@ -41,12 +43,12 @@ from stepdiag.solver.model.reported import SCALE_SUM
 from stepdiag.texts.texts import Language, catalogue, localised
 
 _BETWEEN = re.compile(r"(<(?:td|th|text|li|p|h3|figcaption|title)(?: [^<>]*)?>)([^<>]+)<")
-"""The texts that a person reads follow these tags."""
+"""Tags of the document behind which a text for a person begins."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """The document and every figure in it."""
+    """The HTML document of a report, and the figures in it."""
 
     html: str
     figures: tuple[Figure, ...]
@@ -65,13 +67,13 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     sha256: str = "",
     language: Language = "en",
 ) -> Report:
-    """Return the report of a result; ``source`` names the result file in it, ``laboratory`` is its
-    issuer: the number of the certificate on every page, and the signatory. ``sha256`` is the hash
-    of the result's file, by default of the result as written today.
+    """Return the report of a result; ``source`` is the name of the result's file in the report.
+    ``laboratory`` gives the number of the certificate on every page, and the signatory. ``sha256``
+    is the hash of the result's file, by default that of the result as written by this version.
 
-    With the readings the report also shows the measured values. The prediction is drawn for the
-    first export whose tables are known. Same input, same bytes: no part depends on the clock, the
-    computer or the order of a set.
+    If readings are given, the report also shows the measured values. The prediction is drawn for
+    the first export with tables. The same input gives the same bytes: no part depends on the clock,
+    the computer or the order of a set.
     """
     words = {**catalogue("common", language), **catalogue("report", language)}
     known = conclusion or conclude(
@@ -140,7 +142,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
 
 
 def _each_once(concluded: dict[str, list[str]], language: Language) -> dict[str, list[str]]:
-    """Return the conclusion without the verdicts about single figures, which the table above
+    """Return the conclusion without the verdicts about single figures, which the table above it
     contains.
     """
     firsts = tuple(
@@ -158,8 +160,8 @@ def _each_once(concluded: dict[str, list[str]], language: Language) -> dict[str,
 def _with_left(
     concluded: dict[str, list[str]], left: AsLeft | None, language: Language
 ) -> dict[str, list[str]]:
-    """Return the conclusion with the verdict as left, without the files to load, which are loaded
-    by then.
+    """Return the conclusion with the verdict about the machine as left, and without the files to
+    load, which are loaded by then.
     """
     concluded = _each_once(concluded, language)
     if left is None:
@@ -179,8 +181,8 @@ def _with_left(
 
 
 def localised_document(html: str, language: Language) -> str:
-    """Return the document with the numbers between its tags in the notation of the language;
-    styles, scripts and hashes are unchanged.
+    """Return the document with the numbers between its tags in the notation of a language; styles,
+    scripts and hashes stay unchanged.
     """
     if language == "en":
         return html
@@ -190,8 +192,8 @@ def localised_document(html: str, language: Language) -> str:
 def _standards(
     result: Result, layout: Layout | None, readings: Readings | None
 ) -> Mapping[str, Sequence[StandardFigures]]:
-    """Return the figures of the standards from the result, or else from the readings: the closed
-    forms write none.
+    """Return the figures of the standards from the result; for results of the closed forms, which
+    do not contain them, from the readings.
     """
     if result.standards or layout is None or readings is None:
         return result.standards or {}
@@ -201,8 +203,8 @@ def _standards(
 
 
 def page_parts(number: str = "") -> dict[str, str]:
-    """Return the document's one style sheet and one script, and their hashes in the document's own
-    policy.
+    """Return the style sheet and the script of the document, and their hashes for the document's
+    content policy.
 
     ``number`` of the certificate stands at the head of every printed page.
     """
@@ -221,8 +223,8 @@ def page_parts(number: str = "") -> dict[str, str]:
 
 
 def _css_text(text: str) -> str:
-    """Return a text in the form of a CSS string: every character except letters and digits as its
-    number.
+    """Return a text as a CSS string, in which every character except letters and digits is written
+    as its number.
     """
     return "".join(
         each if each.isalnum() and each.isascii() else f"\\{ord(each):06x}" for each in text
@@ -246,13 +248,15 @@ def _part(name: str) -> str:
 
 
 def _source_hash(text: str) -> str:
-    """Return the hash by which the document's own policy admits a script or style sheet."""
+    """Return the hash by which the document's content policy admits a script or a style sheet."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 @cache
 def template(name: str) -> jinja2.Template:
-    """Return a template of this room; everything is escaped except this package's own drawings."""
+    """Return a template of this package; all its values are escaped except the drawings of this
+    package.
+    """
     loader = jinja2.FunctionLoader(_part)
     environment = jinja2.Environment(
         loader=loader,

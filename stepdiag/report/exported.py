@@ -1,4 +1,6 @@
-"""An export in the report: files with their hashes, and the effect of their tables on the tool."""
+"""An export in the report: its files with their hashes, and the effect of its tables on the
+tool.
+"""
 
 import hashlib
 from collections.abc import Sequence
@@ -22,7 +24,7 @@ from stepdiag.report.drawings.figures import Correction
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedFile:
-    """A compensation file that belongs to the result."""
+    """A compensation file of an export."""
 
     name: str
     size_bytes: int
@@ -39,7 +41,7 @@ class Exported:
     files: tuple[ExportedFile, ...]
     correction: Correction | None = None
     concluded: Export | None = None
-    """The export in the conclusion; None without a table."""
+    """The outcome of the export for the conclusion; None without a table."""
 
 
 def exported_of(written: ExportReport) -> Exported:
@@ -60,8 +62,8 @@ def exported_of(written: ExportReport) -> Exported:
 
 
 def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> Exported:
-    """Return the contents of files, or of an export's folder: all are listed, and the prediction
-    uses a control's files except restore files.
+    """Return an export from files, or from the folder of an export. All files are listed; the
+    prediction uses the files of a control except the restore files.
 
     Raises ``UsageError`` where a file cannot be read, ``DataError`` where tables are damaged or
     files of two controls are mixed, ``SafetyError`` for a set that differs from its export.

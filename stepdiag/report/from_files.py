@@ -1,4 +1,4 @@
-"""A report from its source files: for a reader, together with a certificate, and again for the
+"""A report made from its source files: for a reader, together with a certificate, and again for the
 verification of a certificate.
 """
 
@@ -35,11 +35,11 @@ class ReportFiles:
 
 
 def report_from(of: ReportFiles) -> Report:
-    """Return the report of a result with all its sources; the same files give the same bytes, at
-    any place.
+    """Return the report of a result with all its sources; the same files give the same bytes, in
+    any folder.
 
-    Files of a folder are one export. Raises a StepdiagError if a file is unreadable or belongs to
-    another result.
+    The files of a folder count as one export. Raises a StepdiagError if a file is unreadable or
+    belongs to another result.
     """
     found = result_in(of.result)
     exported = [exported_in(found, each, of.profile) for each in _exports(of.files)]
@@ -59,7 +59,7 @@ def report_from(of: ReportFiles) -> Report:
 
 
 def _exports(paths: Sequence[Path]) -> list[list[Path]]:
-    """Return the exports among files and folders: a folder that lists its files is read as a
+    """Return the exports among files and folders: a folder with a list of its files is read as a
     whole.
     """
     folders: dict[Path, list[Path]] = {}

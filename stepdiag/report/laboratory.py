@@ -1,5 +1,5 @@
-"""The facts outside a result: laboratory, customer, item, persons and equipment, from a settings
-file. A missing fact is shown as "not stated".
+"""The facts that a result does not contain: laboratory, customer, item, persons and equipment, from
+a settings file. A missing fact is shown as "not stated".
 """
 
 import hashlib
@@ -15,8 +15,8 @@ from stepdiag.base.settings import convert, read_toml
 
 NOT_STATED = "not stated"
 UNKNOWN_COUNTRY = "ZZ"
-"""ISO 3166-1 leaves this code to its users: the schema has no word for a country that is not
-stated.
+"""Code of a country that is not stated: ISO 3166-1 leaves this code to its users, and the schema of
+the certificate requires a code.
 """
 Country = Annotated[
     str, Meta(pattern=r"^([A-Z]{2})?\Z", description='a country as two letters, such as "DE"')
@@ -24,7 +24,7 @@ Country = Annotated[
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A name with its address."""
+    """A name with its address, of the laboratory or the customer."""
 
     name: str = ""
     code: str = ""
@@ -38,7 +38,7 @@ class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class Item(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The machine."""
+    """The calibrated item, a machine."""
 
     name: str = ""
     manufacturer: str = ""
@@ -56,8 +56,9 @@ class Person(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class Equipment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A laser or a sensor; ``certificate_file`` is its own certificate, beside the settings
-    file."""
+    """A laser or a sensor; ``certificate_file`` is the calibration certificate of this equipment, a
+    file beside the settings file.
+    """
 
     name: str
     manufacturer: str = ""
@@ -86,7 +87,7 @@ class Head(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class Laboratory(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The whole file."""
+    """The contents of the laboratory's settings file."""
 
     certificate: Head = Head()
     laboratory: Place = Place()
@@ -97,8 +98,8 @@ class Laboratory(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class Stated(msgspec.Struct, frozen=True, kw_only=True):
-    """The file with the hashes of the files named in it, by name; ``name`` and ``sha256`` are its
-    own, empty without a file.
+    """The settings file of the laboratory, with the hashes of the files named in it, by name.
+    ``name`` and ``sha256`` belong to the settings file; both are empty without a file.
     """
 
     file: Laboratory
@@ -108,8 +109,8 @@ class Stated(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_laboratory(path: Path | None) -> Stated:
-    """Return the statements of a settings file; empty without a file. Raises UsageError for a wrong
-    field or a missing file.
+    """Return the statements in a laboratory's settings file; empty without a file. Raises
+    UsageError for a wrong field or a missing file.
     """
     if path is None:
         return Stated(file=Laboratory())
@@ -123,5 +124,5 @@ def read_laboratory(path: Path | None) -> Stated:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file. Raises UsageError where it cannot be read."""
+    """Return the SHA-256 of a file. Raises UsageError where the file cannot be read."""
     return hashlib.sha256(read_bytes(path)).hexdigest()

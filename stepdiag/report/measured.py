@@ -1,4 +1,4 @@
-"""The measured deviations of every setup, before any model."""
+"""Figures of the measured deviations of every setup, before any model is applied."""
 
 from collections.abc import Mapping
 
@@ -16,8 +16,8 @@ from stepdiag.texts.texts import Language
 
 
 def layout_of(readings: Readings, result: Result) -> Layout:
-    """Return the readings with the geometry of the result's volume. Raises ``DataError`` where they
-    belong to another survey.
+    """Return the readings with the geometry of the result's volume. Raises ``DataError`` where the
+    readings belong to another survey.
     """
     return lay_out(readings, "readings", result.volume)
 
@@ -25,8 +25,8 @@ def layout_of(readings: Readings, result: Result) -> Layout:
 def setup_figures(
     layout: Layout, words: Mapping[str, str], language: Language
 ) -> list[Figure]:
-    """Return a figure per setup: deviation over the distance along the beam, a line per pass; a
-    return pass with a new zero is joined to the outward pass.
+    """Return a figure per setup: deviation over the distance along the beam, with a line per pass.
+    A return pass with its own zero begins at the end of the outward pass.
     """
     return [
         _setup_figure(layout, index, setup.name, words, language)

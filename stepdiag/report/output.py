@@ -1,4 +1,4 @@
-"""Writes the report: HTML, its figures as CSV, and a PDF where chromium is present."""
+"""Writing of a report: HTML, its figures as CSV, and a PDF where chromium is present."""
 
 import os
 import shutil
@@ -13,17 +13,17 @@ from stepdiag.report.document import Report
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PRINT_TIMEOUT_S = 120.0
-"""Longest time of the browser for a print in s."""
+"""Longest time in s for the browser to print."""
 
 
 def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
     """Write the report and return the written files.
 
-    If ``out`` ends in ``.html`` it is the document itself (its figures' CSV are inside, as links),
-    if in ``.pdf`` its print; any other ``out`` is a folder for ``report.html`` and
-    ``figures/<name>.csv``. With ``pdf`` the PDF is written beside the HTML. The HTML and its
-    figures are written together or not at all. Raises UsageError where ``out`` has the name of
-    another file, DeviceError where a PDF is requested and chromium is missing or fails.
+    An ``out`` that ends in ``.html`` is the document itself, with the CSV of its figures inside, as
+    links; one that ends in ``.pdf`` is the printed document. Any other ``out`` is a folder for
+    ``report.html`` and ``figures/<name>.csv``. With ``pdf`` the PDF is written beside the HTML. The
+    HTML and its figures are written together or not at all. Raises UsageError where ``out`` is an
+    existing file, DeviceError where a PDF is requested and chromium is missing or fails.
     """
     if out.suffix.lower() == ".pdf" and not out.is_dir():
         write_atomically(out, printed(report.html.encode()))
@@ -43,7 +43,9 @@ def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
 
 
 def printed(html: bytes) -> bytes:
-    """Return the PDF of an HTML file; no file remains. Raises the DeviceError of `print_pdf`."""
+    """Return an HTML file printed as PDF; no file remains on the disk. Raises the DeviceError of
+    `print_pdf`.
+    """
     with tempfile.TemporaryDirectory(prefix="stepdiag-print-") as folder:
         document = Path(folder) / "report.html"
         document.write_bytes(html)
@@ -51,12 +53,14 @@ def printed(html: bytes) -> bytes:
 
 
 def browser() -> str | None:
-    """Return the program that prints, or None."""
+    """Return the path of the browser that prints, or None without a browser."""
     return next((found for name in BROWSERS if (found := shutil.which(name))), None)
 
 
 def print_pdf(document: Path) -> Path:
-    """Print an HTML file to the PDF beside it, offline, in a temporary profile; return its path."""
+    """Print an HTML file to a PDF beside it, without network and with a temporary browser profile;
+    return the path of the PDF.
+    """
     program = browser()
     if program is None:
         raise DeviceError(
@@ -99,8 +103,8 @@ def print_pdf(document: Path) -> Path:
 
 
 def _switches(profile: str) -> list[str]:
-    """Return the switches that keep the browser headless and silent on the network; for root there
-    is no sandbox.
+    """Return the options that keep the browser without a window and without network; for root the
+    sandbox is switched off.
     """
     quiet = [
         "--disable-background-networking",

@@ -1,6 +1,4 @@
-"""The tables of the report: the contents of each section, as rows of plain text that the template
-escapes.
-"""
+"""The tables of the report, as rows of plain text that the template escapes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -48,25 +46,25 @@ POSITIONING_FIGURES = {
 standard.
 """
 MOST_ROWS = 200
-"""Largest number of rows of a table for a foreign result."""
+"""Largest number of rows of a table; a result of another program may contain more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """A table: ``header`` may be empty; every cell is plain text."""
+    """A table of the report: ``header`` may be empty; every cell is plain text."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
 
 
 def table_of(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table | None:
-    """Return a table of the rows; None without a row."""
+    """Return a table of rows; None without a row."""
     return Table(header=header, rows=rows) if rows else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remark:
-    """A finding in the report: its sentence, and the remedy."""
+    """A finding in the report: its sentence and its remedy."""
 
     severity: str
     severity_word: str
@@ -76,8 +74,8 @@ class Remark:
 
 
 def shown(value: object, decimals: int | None = None) -> str:
-    """Return a cell: numbers with a fixed number of decimals or four significant digits, lists
-    joined, None as a dash.
+    """Return the text of a table's cell: numbers with a fixed number of decimals or four
+    significant digits, lists joined, None as a dash.
     """
     if value is None:
         return "–"
@@ -92,7 +90,7 @@ def shown(value: object, decimals: int | None = None) -> str:
 
 
 def machine_table(result: Result, words: Mapping[str, str]) -> Table:
-    """Return the measured volume, the chain, and the method of computation."""
+    """Return a table of the measured volume, the kinematic chain, and the method of computation."""
     volume = result.volume
     rows = [
         (words["chain"], result.chain),
@@ -108,8 +106,8 @@ def machine_table(result: Result, words: Mapping[str, str]) -> Table:
 def conditions_table(
     result: Result, readings: Readings | None, words: Mapping[str, str]
 ) -> Table:
-    """Return the conditions of the survey: ``conditions`` of the result, and the values of the
-    readings.
+    """Return a table of the conditions of the survey: ``conditions`` of the result, and the values
+    of the readings.
     """
     flat = [] if result.conditions is None else _leaves(written(result.conditions))
     rows = [(_readable(name, words), _from_to(value)) for name, value in flat[:MOST_ROWS]]
@@ -134,7 +132,7 @@ def conditions_table(
 
 
 def _from_to(value: object) -> str:
-    """Return a least and a largest value as a range, any other value unchanged."""
+    """Return a pair of least and largest value as a range, any other value unchanged."""
     if (
         isinstance(value, list)
         and len(value) == 2
@@ -146,7 +144,9 @@ def _from_to(value: object) -> str:
 
 
 def setups_table(result: Result, words: Mapping[str, str], language: Language) -> Table:
-    """Return a row per setup: its passes, and its mirror, drift and repeatability."""
+    """Return a table with a row per setup: its passes, and the setup's mirror tilt, drift and
+    repeatability.
+    """
     setups = dict(list(result.setups.items())[:MOST_ROWS])
     columns = [
         column
@@ -166,7 +166,9 @@ def setups_table(result: Result, words: Mapping[str, str], language: Language) -
 
 
 def _setup_fact(value: object, words: Mapping[str, str]) -> str:
-    """Return one fact of a setup; of several drifts the largest, with its standard uncertainty."""
+    """Return one fact of a setup as a text; of several drifts the largest, with its standard
+    uncertainty.
+    """
     if isinstance(value, tuple) and value and isinstance(value[0], Drift):
         worst = max(value, key=lambda drift: abs(drift.total_um))
         return f"{shown(worst.total_um, 2)} ± {shown(worst.u_um, 2)} µm"
@@ -176,7 +178,7 @@ def _setup_fact(value: object, words: Mapping[str, str]) -> str:
 
 
 def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
-    """Return the values in a tree of mappings, each under its path."""
+    """Return the values in a tree of mappings, each with its path."""
     found: list[tuple[str, object]] = []
     for name, value in facts.items():
         if isinstance(value, dict):
@@ -187,8 +189,9 @@ def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, objec
 
 
 def _readable(name: str, words: Mapping[str, str]) -> str:
-    """Return the heading of a fact by its name; an unknown ``mirror_tilt_mrad`` as ``mirror tilt /
-    mrad``."""
+    """Return the heading of a fact by its name; a name that the catalogue lacks, such as
+    ``mirror_tilt_mrad``, as ``mirror tilt / mrad``.
+    """
     if heading := words.get(f"fact_{name.replace(' ', '_')}"):
         return heading
     head, _, unit = name.rpartition("_")
@@ -200,7 +203,7 @@ def _readable(name: str, words: Mapping[str, str]) -> str:
 
 
 def squareness_table(result: Result, words: Mapping[str, str]) -> Table:
-    """Return the three squarenesses with their expanded uncertainty."""
+    """Return a table of the three squarenesses with their expanded uncertainty."""
     rows = []
     for name, quantity in result.squareness.items():
         value, u = _value_and_u(quantity.value, quantity.u)
@@ -226,7 +229,7 @@ def squareness_table(result: Result, words: Mapping[str, str]) -> Table:
 
 
 def scale_table(result: Result, words: Mapping[str, str]) -> Table:
-    """Return the three scales with their expanded uncertainty."""
+    """Return a table of the three scales with their expanded uncertainty."""
     rows = []
     for name, scale in result.scale.items():
         value, u = _value_and_u(scale.value, scale.u)
@@ -237,14 +240,14 @@ def scale_table(result: Result, words: Mapping[str, str]) -> Table:
 
 
 def _value_and_u(value: float | None, u: float | None) -> tuple[str, str]:
-    """Return the cells of a value and of its U (k = 2)."""
+    """Return two cells: a value, and its U (k = 2)."""
     expanded = None if u is None else COVERAGE * u
     decimals = 2 if expanded is None else decimals_of_u(expanded)
     return shown(value, decimals), shown(expanded, decimals)
 
 
 def even(value: float | None, expanded: float | None) -> str:
-    """Return a value with its U (k = 2) as a cell, the value alone where no U is stated."""
+    """Return a value with its U (k = 2) as one cell; the value alone where no U is stated."""
     return (
         shown(value, 2)
         if value is None or expanded is None
@@ -253,8 +256,8 @@ def even(value: float | None, expanded: float | None) -> str:
 
 
 def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return the scales as measured and at 20 C, each with its U, and the scales in the tables;
-    None if the result lacks them.
+    """Return a table of the scales as measured and at 20 C, each with its U, and of the scales in
+    the tables; None if the result lacks these scales.
     """
     found = basis_of(result)
     if found.tables is None or not found.other:
@@ -285,11 +288,12 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
 def positioning_table(
     standards: Standards, words: Mapping[str, str], language: Language
 ) -> Table | None:
-    """Return the figures along the axes and along the diagonals, a row per setup, each with its U
-    where known (k = 2).
+    """Return a table of the figures of ISO 230-2 and ISO 230-6 along axes and diagonals, with a row
+    per setup and U (k = 2) where known.
 
-    ``standards`` is the entry of the result; columns without a known value are left out. The row of
-    a figure contains its lengths only if they differ (`positioning_lengths`).
+    ``standards`` is the entry of the result; columns without a known value are left out. A row
+    contains the lengths (as measured, at 20 C) to which its figures refer only if these differ
+    between rows (`positioning_lengths`).
     """
     first = {name: found[0] for name, found in standards.items() if found}
     known = {
@@ -325,8 +329,8 @@ def _standard(name: str, words: Mapping[str, str]) -> str:
 
 
 def positioning_lengths(standards: Standards, words: Mapping[str, str]) -> str:
-    """Return the lengths of all figures along axes and diagonals; empty where unknown, or not
-    common to all.
+    """Return the lengths (as measured, at 20 C) to which all figures along axes and diagonals
+    refer; empty where unknown, or if the figures differ in this.
     """
     lengths = {
         text for found in standards.values() if found and (text := _lengths(found[0], words))
@@ -349,15 +353,16 @@ VDI_FIGURES = {
     "Ps_max": "Ps max",
     "Ps_mean": "P̅s",
 }
-"""The figures of VDI/DGQ 3441 by their names in `solver.standards.iso230`; its U is the reversal,
-not an uncertainty."""
+"""The figures of VDI/DGQ 3441 by their names in `solver.standards.iso230`. The figure U of this
+standard is the reversal, not an uncertainty.
+"""
 
 
 def vdi_table(
     standards: Standards, words: Mapping[str, str], language: Language
 ) -> Table | None:
-    """Return the figures of VDI/DGQ 3441 of the runs that have them, a row per run; None without
-    such runs.
+    """Return a table of the figures of VDI/DGQ 3441, with a row for each run that has these
+    figures; None without such runs.
     """
     rows = []
     for name, found in list(standards.items())[:MOST_ROWS]:
@@ -375,7 +380,9 @@ def vdi_table(
 
 
 def _figure(facts: StandardFigures, name: str) -> float | None:
-    """Return a figure of a setup, or the machine's over all diagonals, whose names end in _d."""
+    """Return a figure of a setup; for the figures over all diagonals, whose names end in _d, that
+    of the machine.
+    """
     value: float | None = getattr(facts, name)
     return getattr(facts, f"{name}_d", None) if value is None else value
 
@@ -397,8 +404,8 @@ HEAD_FIGURES = (
 
 
 def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return the straightness measured by the 4-DOF head, a row per function, if the result has it
-    (``head_straightness``).
+    """Return a table of the straightness measured by the 4-DOF head, with a row per function; None
+    if the result does not contain it (``head_straightness``).
     """
     measured = result.head_straightness or {}
     rows = [
@@ -410,8 +417,8 @@ def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return the agreement of the readings with the model, if the result has it (``fit``,
-    ``scale_sum_um``).
+    """Return a table of the agreement of the readings with the model; None if the result does not
+    contain it (``fit``, ``scale_sum_um``).
     """
     fit = {} if result.fit is None else written(result.fit)
     total = {} if result.scale_sum_um is None else written(result.scale_sum_um)
@@ -427,7 +434,7 @@ def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
     """Return chi-square with its degrees of freedom and its expected value for a valid model; empty
-    if the result lacks either.
+    if the result does not contain them.
     """
     fit = result.fit
     if fit is None or fit.chi_square is None or not fit.degrees_of_freedom:
@@ -439,7 +446,7 @@ def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
 
 
 def unidentified(result: Result, words: Mapping[str, str]) -> list[str]:
-    """Return in words every quantity that the data do not determine: functions, squarenesses,
+    """Return, as texts, every quantity that the data do not determine: functions, squarenesses,
     scales.
     """
     functions = [
@@ -467,7 +474,7 @@ def unidentified(result: Result, words: Mapping[str, str]) -> list[str]:
 
 
 def remarks(result: Result, words: Mapping[str, str], language: Language) -> list[Remark]:
-    """Return the findings, the most serious first."""
+    """Return the findings of the result, the most serious first."""
     order = {"error": 0, "warning": 1, "info": 2}
     return [
         Remark(
@@ -484,7 +491,7 @@ def remarks(result: Result, words: Mapping[str, str], language: Language) -> lis
 def history_table(
     result: Result, words: Mapping[str, str], language: Language
 ) -> Table | None:
-    """Return the past events of the recording, if the result has them (``history``)."""
+    """Return the past events of the recording (``history``), if the result contains them."""
     rows = [
         (one.code, rendered(one.words, language))
         for one in (result.history or ())[:MOST_ROWS]
@@ -493,8 +500,8 @@ def history_table(
 
 
 def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return the files from which the result was solved, each with the SHA-256 of its contents;
-    None for a result that names none.
+    """Return a table of the files from which the result was solved, each with the SHA-256 of its
+    contents; None for a result that names no file.
 
     Packing a log does not change its hash, so the report stays the same.
     """
@@ -503,8 +510,8 @@ def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def slips_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
-    """Return the largest slip of the count that may stay unnoticed, if the result has it
-    (``unseen_slip``).
+    """Return a table of the largest slip of the count that may stay unnoticed (``unseen_slip``);
+    None if the result does not contain it.
     """
     rows = [
         (
@@ -518,15 +525,16 @@ def slips_table(result: Result, words: Mapping[str, str], language: Language) ->
 
 
 def _size(um: float | None) -> str:
-    """Return a size with the digits of the conclusion."""
+    """Return a size as a text, with the digits that the conclusion shows."""
     return shown(um, None if um is None else decimals_of(um))
 
 
 def budget_table(
     result: Result, units: Mapping[str, str], words: Mapping[str, str]
 ) -> Table | None:
-    """Return U (k = 2) of every quantity and its three largest sources in percent of the square of
-    U; None without a budget."""
+    """Return a table of U (k = 2) of every quantity, with its three largest sources in percent of
+    the square of U; None without a budget.
+    """
     rows = []
     for quantity, sources in ({} if result.budget is None else result.budget.shares).items():
         total = sum(share**2 for share in sources.values())
@@ -553,7 +561,7 @@ def budget_table(
 
 
 def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
-    """Return a quantity of the budget in words: a function, its remainder, a scale, a
+    """Return the name of a quantity of the budget: a function, its remainder, a scale, a
     squareness.
     """
     if quantity in (SCALE_SUM, VOLUME):
@@ -565,15 +573,15 @@ def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
 
 
 def source_words(source: str, words: Mapping[str, str]) -> str:
-    """Return a source of the budget in words; a source of another version unchanged."""
+    """Return the name of a source of the budget; a source of another version unchanged."""
     return words.get(f"source_{source.replace(' ', '_')}", source)
 
 
 def assumptions_table(
     result: Result, words: Mapping[str, str], language: Language
 ) -> Table | None:
-    """Return the assumptions of each source of the budget, if the result has them
-    (``budget.assumptions``).
+    """Return a table of the assumptions of each source of the budget (``budget.assumptions``); None
+    if the result does not contain them.
     """
     known = {} if result.budget is None else result.budget.assumptions
     rows = [

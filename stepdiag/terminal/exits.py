@@ -1,4 +1,6 @@
-"""The only place that assigns an exit code to a cause (contract 5)."""
+"""Errors and exit codes of a command: only this module assigns an exit code to the cause of an
+error (contract 5).
+"""
 
 import os
 import sys
@@ -28,7 +30,9 @@ INTERRUPTED = 130
 
 @contextmanager
 def refusals_shown(written: Callable[[Words], str] = shown) -> Iterator[None]:
-    """Write an error to standard error, as ``written``, and exit with the code of its cause."""
+    """Write an error to standard error in the form of ``written``, and exit with the code of the
+    error's cause.
+    """
     micro_shown()
     try:
         yield
@@ -44,10 +48,11 @@ def refusals_shown(written: Callable[[Words], str] = shown) -> Iterator[None]:
 
 @contextmanager
 def failed_writing_shown() -> Iterator[None]:
-    """Turn a refusal of the system into an error message: a full disk, no right, a terminal without
-    the letter.
+    """Turn an error of the operating system into an error message: a full disk, a missing
+    permission, a character that the terminal cannot show.
 
-    Not used around the daemon: a temporary refusal of the system is no wrong usage there.
+    The daemon does not run in this context: there, a temporary error of the operating system is no
+    wrong usage.
     """
     try:
         try:
@@ -56,7 +61,7 @@ def failed_writing_shown() -> Iterator[None]:
             sys.stdout.flush()
     except BrokenPipeError:
         _close_output()
-        sys.exit(0)  # the reader of the output has ended
+        sys.exit(0)  # the program that reads the output has ended
     except UnicodeEncodeError as error:
         _close_output()
         letters = error.object[error.start : error.end]
@@ -79,6 +84,8 @@ def failed_writing_shown() -> Iterator[None]:
 
 
 def _close_output() -> None:
-    """Discard the rest of the output, so that closing standard output raises no further error."""
+    """Discard the rest of the output of the command, so that closing standard output raises no
+    further error.
+    """
     with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

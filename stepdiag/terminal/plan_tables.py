@@ -15,8 +15,9 @@ from stepdiag.solver.planning.planner import Advice, Forecast
 from stepdiag.terminal.viewer import empty_table, shown
 
 FEW, FEW_OF_A_ROW = 7, 4
-"""So many lines of a survey fit by their corners into three lines of a terminal, and into four of a
-table's row."""
+"""Number of lines of a survey up to which they are shown by their corners: more would not fit into
+three lines of a terminal, or four lines of a table's row.
+"""
 KINDS = {
     "step": message("kind-step"),
     "body": message("kind-body"),
@@ -28,7 +29,9 @@ _ANGLES = {"assumed": message("angles-assumed"), "solved": message("angles-solve
 
 
 def in_words(forecast: Forecast, *, by_name: bool) -> Words:
-    """Return runs, time, volumetric uncertainty and how the angular errors are dealt with."""
+    """Return a sentence about a forecast: runs, time, volumetric uncertainty, and how the survey
+    treats the angular errors.
+    """
     lines = forecast.plan.runs
     few = by_name or len(lines) <= FEW
     runs = [_repeated(run) for run in lines] if few else _kinds(forecast.plan)
@@ -51,8 +54,8 @@ def _repeated(run: Run) -> Words:
 
 
 def _slips(ahead: Foresight) -> Iterator[Words]:
-    """Yield the size of a slip of the laser's count that may stay unnoticed, and its effect;
-    nothing without a diagonal.
+    """Yield a sentence about the slip of the laser's count that may stay unnoticed, with its size
+    and its effect; no sentence without a diagonal.
     """
     if ahead.unseen is not None:
         nearly_um = ahead.unseen.nearly_um
@@ -64,8 +67,8 @@ def _slips(ahead: Foresight) -> Iterator[Words]:
 
 
 def forecast_table(forecast: Forecast) -> Table:
-    """Return the expanded uncertainty of every quantity; a quantity that the survey does not
-    identify is marked.
+    """Return a table of the expanded uncertainty of every quantity; a quantity that the survey does
+    not identify is marked.
     """
     table = empty_table(message("table-forecast"))
     rows = (
@@ -112,8 +115,8 @@ def _resolved(forecast: Forecast) -> Message:
 
 
 def front_table(advice: Advice, *, verbose: bool) -> Table:
-    """Return one row per survey that is worth its time, its lines by name if ``verbose``; below it
-    the limits of control and head.
+    """Return a table with one row per survey that is worth its time; ``verbose`` names its lines.
+    Below the table are the limits of control and head.
     """
     table = empty_table(message("table-front"))
     for each in advice.front:
@@ -139,8 +142,9 @@ def _head(advice: Advice) -> Iterator[Message]:
 
 
 def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
-    """Return what a plan drives: its setups with their shifts, or how many of each kind where there
-    are many, and how."""
+    """Return a text about the runs of a plan: the setups with their shifts, or for many setups the
+    number of each kind; and how they are driven.
+    """
     few = by_name or len(plan.runs) <= FEW_OF_A_ROW
     lines = [_run_words(run) for run in plan.runs] if few else _kinds(plan)
     orders = next((run.driven_orders for run in plan.runs if run.driven_orders), ())
@@ -159,8 +163,9 @@ def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
 
 
 def _kinds(plan: Plan) -> list[Words]:
-    """Return the number of lines of each kind in a plan, and how many of these have a shifted
-    laser."""
+    """Return, by kind, the number of a plan's lines and the number of those with a shifted
+    laser.
+    """
     counted: list[Words] = []
     for kind, word in KINDS.items():
         runs = [run for run in plan.runs if setup_of(run.setup).kind == kind]

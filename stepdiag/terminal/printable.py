@@ -1,4 +1,6 @@
-"""Text that a terminal can show: texts from foreign files, and the micrometre sign."""
+"""Text that a terminal can show: without control characters from foreign files, and with a
+replacement for the micrometre sign.
+"""
 
 import codecs
 import sys
@@ -7,15 +9,15 @@ from io import TextIOWrapper
 
 
 def printable(text: str) -> str:
-    """Return a text without characters that control a terminal; line ends stay."""
+    """Return a text without the characters that control a terminal; line ends stay."""
     return "".join(
         letter if letter.isprintable() or letter == "\n" else "?" for letter in text
     )
 
 
 class _PlainStream(TextIOWrapper):
-    """A stream whose encoding lacks the sign µ, under another name: typer writes UTF-8 directly if
-    a stream's encoding is ASCII.
+    """A stream whose encoding lacks the sign µ. The encoding has another name, because typer writes
+    UTF-8 directly to a stream whose encoding is ASCII.
     """
 
     encoding = "plain, um for micrometre"
@@ -25,8 +27,8 @@ def micro_shown() -> None:
     """Let standard output and error write ``um`` for µm where their encoding lacks the sign, for
     example ASCII or ISO 8859-2.
 
-    With ASCII any other letter is written as UTF-8, without loss; another encoding treats it as
-    before.
+    With ASCII, other characters are written as UTF-8, without loss; another encoding treats other
+    characters as before.
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)

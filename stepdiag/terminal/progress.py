@@ -1,5 +1,5 @@
-"""Signs of life on standard error during work of more than a second; none if it is not a
-terminal.
+"""Signs of progress on standard error during work of more than a second; none if standard error is
+not a terminal.
 """
 
 from collections.abc import Iterable, Iterator
@@ -14,7 +14,7 @@ Item = TypeVar("Item")
 
 @contextmanager
 def working(doing: Message) -> Iterator[None]:
-    """Show the work and its progress until the block ends."""
+    """Show the name of the work and its progress until the block ends."""
     from rich.console import Console
 
     with Console(stderr=True).status(shown(doing)):

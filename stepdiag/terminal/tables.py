@@ -24,7 +24,9 @@ MARKS: dict[Severity, Message] = {
 }
 
 FEW_ALIKE = 2
-"""So many findings of a code show its kind; a table of each axis may carry one."""
+"""Number of findings of a code that are printed without ``verbose``, for example about the tables
+of two axes.
+"""
 _PARTS = {
     "without rigid motion": message("without-rigid-motion"),
     "as it is": message("as-it-is"),
@@ -32,7 +34,7 @@ _PARTS = {
 
 
 def print_tables(result: Result) -> None:
-    """Print a result: error functions, squareness, scales and mirror tilts."""
+    """Print the tables of a result: error functions, squareness, scales and mirror tilts."""
     console = Console()
     volume = result.volume
     low, size = (
@@ -55,8 +57,9 @@ def print_tables(result: Result) -> None:
 
 
 def print_findings(findings: Sequence[Finding], *, verbose: bool) -> None:
-    """Print findings, the severest first; without ``verbose`` the notes, and all but the first
-    `FEW_ALIKE` of a code, as their number."""
+    """Print findings, the severest first; without ``verbose``, only the number is printed of the
+    notes, and of the findings after the first `FEW_ALIKE` with the same code.
+    """
     serious = [each for each in findings if each.severity != "info"]
     first = [
         each for at, each in enumerate(serious) if _alike(serious[:at], each) < FEW_ALIKE
@@ -72,13 +75,13 @@ def print_findings(findings: Sequence[Finding], *, verbose: bool) -> None:
 
 
 def _alike(before: Sequence[Finding], found: Finding) -> int:
-    """Return how many findings before this one have its code and severity."""
+    """Return the number of earlier findings with the code and severity of this finding."""
     return sum((each.code, each.severity) == (found.code, found.severity) for each in before)
 
 
 def function_table(result: Result) -> Table:
     """Return one row per function: range of its shape (end-point line removed), value at its end,
-    largest uncertainty, identified parts.
+    largest uncertainty, and which parts are identified.
     """
     table = empty_table(message("table-functions"))
     for name in (
@@ -95,8 +98,9 @@ def function_table(result: Result) -> Table:
 
 
 def _function_row(name: str, function: Function) -> tuple[str, str, str, str, str]:
-    """Return the cells behind the name. A straightness has no end value: its end-point line is in
-    the squareness."""
+    """Return the cells of a function behind its name. A straightness function has no end value,
+    because its end-point line is in the squareness.
+    """
     if function.value is None:
         return "-", "-", "-", UNITS[function.unit], shown(message("identified-no"))
     end = float(function.value[-1] - function.value[0])
@@ -121,7 +125,7 @@ def _function_row(name: str, function: Function) -> tuple[str, str, str, str, st
 
 
 def quantity_table(result: Result) -> Table:
-    """Return one row a squareness and a scale, with expanded uncertainty."""
+    """Return a table with one row per squareness and scale, with expanded uncertainty."""
     table = empty_table(message("table-quantities"))
     numbers = [(name, q.value, q.u, UNITS[q.unit]) for name, q in result.squareness.items()]
     numbers += [
@@ -158,7 +162,7 @@ def setup_table(result: Result) -> Table:
 
 
 def finding_lines(findings: Iterable[Finding]) -> Iterator[str]:
-    """Yield one line per finding, the most serious first: its severity, its code, its words."""
+    """Yield one line per finding, the most serious first: its severity, its code, its sentence."""
     for severity, mark in MARKS.items():
         yield from (
             f"{shown(mark):<8}{printable(each.code)}: {shown(each.words)}"

@@ -12,10 +12,10 @@ from typing import Any, Literal
 from stepdiag.texts.texts import LANGUAGES, Language
 
 Action = Literal["repeat", "accept", "mend-wiring", "mend-file", "choose", "know"]
-"""The operator's action for a finding."""
+"""The kinds of action that a finding requires of the operator."""
 Severity = Literal["info", "warning", "error"]
 GROUPS = ("recording", "result", "head", "export", "remark")
-"""Sources of findings; the last two belong to an export."""
+"""The groups of findings by their source; the last two groups belong to an export."""
 _OF_AN_EXPORT: dict[Severity, Action] = {
     "error": "mend-file",
     "warning": "accept",
@@ -25,7 +25,7 @@ _OF_AN_EXPORT: dict[Severity, Action] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Words:
-    """The cause of a finding, what it costs, and what to do."""
+    """The explanation of a finding: its cause, what it costs, and what to do."""
 
     cause: str
     cost: str
@@ -43,8 +43,9 @@ class Explanation:
     words: dict[Language, Words]
 
     def action_at(self, severity: Severity) -> Action:
-        """Return a person's action at a severity: a mere warning of an export is accepted by its
-        code, a remark is known."""
+        """Return the action of a person for a severity: a warning of an export that requires only
+        knowledge is accepted by its code, a note is known.
+        """
         return (
             self.action
             if severity == "error" or self.group not in ("export", "remark")
@@ -61,7 +62,7 @@ def _tables() -> dict[str, Any]:
 
 @cache
 def explanations() -> dict[str, Explanation]:
-    """Return code -> explanation, in the order of the documentation."""
+    """Return the explanation of every code, in the order of the documentation."""
     return {
         code: Explanation(
             group=group,
@@ -74,8 +75,9 @@ def explanations() -> dict[str, Explanation]:
 
 
 def keys_of(old: str) -> tuple[str, ...]:
-    """Return the keys (code, or code and variant) that a code of an older version has now; another
-    code alone."""
+    """Return the present keys (code, or code and variant) of a code of an older version; any other
+    code alone.
+    """
     return tuple(_tables()["renamed"].get(old, [old]))
 
 
@@ -95,7 +97,9 @@ def explained(code: str) -> Explanation | None:
 
 
 def finding_advice(code: str, language: Language) -> str:
-    """Return the meaning of a finding, its cost and its remedy; empty for an undocumented code."""
+    """Return the meaning of a finding, its cost and its remedy; empty texts for a code that is not
+    documented.
+    """
     entry = explained(code)
     words = None if entry is None else entry.words[language]
     return "" if words is None else f"{words.cause} {words.cost} {words.do}"
@@ -108,6 +112,6 @@ def advice_of(code: str, language: Language) -> str:
 
 
 def finding_action(code: str, severity: Severity) -> Action:
-    """Return the action that a person takes on a finding."""
+    """Return the action that a finding requires of a person."""
     entry = explained(code)
     return _OF_AN_EXPORT[severity] if entry is None else entry.action_at(severity)

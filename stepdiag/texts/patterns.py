@@ -1,5 +1,5 @@
-"""The sentences of all messages: patterns with typed slots, in every language, one file a floor
-(``messages/*.toml``).
+"""The sentences of all messages: patterns with typed slots, in every language, with one file per
+floor (``messages/*.toml``).
 
 A slot's format is its type, the same in every language:
 
@@ -56,13 +56,14 @@ class Slot:
 
 
 Pattern = tuple[tuple[str, Slot | None], ...]
-"""Words, and the slot behind them; none behind the last."""
+"""A sentence in parts: a text and the slot after it; the last text has no slot."""
 
 
 @cache
 def tables(floor: str) -> dict[str, dict[str, str]]:
-    """Return the tables of a floor's file: ``finding`` and ``phrase``, key -> words as they stand
-    behind it, for an entry is a line."""
+    """Return the tables ``finding`` and ``phrase`` in a floor's file: each key with the unparsed
+    text behind it, since an entry is a line.
+    """
     path = files("stepdiag.texts").joinpath("messages", f"{floor}.toml")
     found: dict[str, dict[str, str]] = {}
     for line in path.read_text(encoding="utf-8").splitlines():
@@ -75,8 +76,9 @@ def tables(floor: str) -> dict[str, dict[str, str]]:
 
 
 class _Sentences(Mapping[str, dict[Language, Pattern]]):
-    """Key -> language -> pattern of every floor. A pattern is read when it is asked for: to read
-    all two thousand takes a third of the start of a command."""
+    """The patterns of every floor by key and language. A pattern is parsed when it is needed:
+    parsing all two thousand would take a third of the start of a command.
+    """
 
     def __init__(self) -> None:
         every = (entries for floor in FLOORS for entries in tables(floor).values())
@@ -100,8 +102,9 @@ class _Sentences(Mapping[str, dict[Language, Pattern]]):
 
 @cache
 def sentences() -> Mapping[str, dict[Language, Pattern]]:
-    """Return key -> language -> pattern of every floor. Raises ValueError for a slot that is
-    wrong."""
+    """Return the patterns of every floor by key and language. Raises ValueError for a wrong
+    slot.
+    """
     return _Sentences()
 
 
@@ -119,7 +122,7 @@ def slots(key: str) -> dict[str, Kind]:
 
 
 def pattern_of(words: str) -> Pattern:
-    """Return a sentence with its slots. Raises ValueError for a format that is none."""
+    """Return the parts of a sentence with slots. Raises ValueError for an invalid format."""
     return tuple(
         (literal, None if name is None else _slot(name, form or ""))
         for literal, name, form, _ in Formatter().parse(words)

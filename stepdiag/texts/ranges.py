@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 
 def ranges(numbers: Sequence[int]) -> str:
-    """Return whole numbers as ``5-12, 14``."""
+    """Return whole numbers as ranges: ``5-12, 14``."""
     parts: list[list[int]] = []
     for number in numbers:
         if parts and number == parts[-1][-1] + 1:

@@ -1,5 +1,6 @@
-"""The names of setups as a person reads them: a diagonal by its corners, the short name beside
-them."""
+"""The names of setups as a person reads them: a diagonal has its corners, followed by its short
+name.
+"""
 
 from stepdiag.texts.texts import Language
 
@@ -14,7 +15,7 @@ _TO: dict[Language, str] = {"en": "to", "de": "nach"}
 
 
 def setup_words(name: str, language: Language) -> str:
-    """Return ``diagonal X+Y-Z- to X-Y+Z+ (npp)`` for the name of a setup; any other text as it is.
+    """Return ``diagonal X+Y-Z- to X-Y+Z+ (npp)`` for the name of a setup; any other text unchanged.
 
     A sign behind an axis names the end of its travel where the way out begins and ends.
     """

@@ -1,5 +1,5 @@
-"""The words of the page and the report, in English and German, from a single catalogue; findings
-stand in `texts.explained`.
+"""The words of the page and the report, in English and German, from a single catalogue; the
+explanations of findings are in `texts.explained`.
 """
 
 import re
@@ -26,26 +26,27 @@ UNITS = {
     "percent": "%",
     "s": "s",
 }
-"""Units as a person reads them, by their name in results and in the names of arguments."""
+"""Units as a person reads them, by their names in results and in the names of arguments."""
 _POINT = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?!\.?\w)")
 
 
 @cache
 def _entries() -> dict[str, dict[str, dict[str, str]]]:
-    """Return section -> key -> language -> words."""
+    """Return the words of the catalogue by section, key and language."""
     text = files("stepdiag.texts").joinpath("catalogue.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
 
 @cache
 def catalogue(section: str, language: Language) -> Mapping[str, str]:
-    """Return key -> words of a section of `SECTIONS`."""
+    """Return the words of a section of `SECTIONS` in one language, by key."""
     return {key: words[language] for key, words in _entries()[section].items()}
 
 
 def help_texts(language: Language) -> dict[str, dict[str, str]]:
-    """Return command -> option -> help; the option "" is the command itself, the command "*" what
-    several commands have."""
+    """Return the help by command and option; the option "" is the command itself, the command "*"
+    holds the options that several commands have.
+    """
     tables = tomllib.loads(
         files("stepdiag.texts").joinpath("help.toml").read_text(encoding="utf-8")
     )
@@ -56,5 +57,5 @@ def help_texts(language: Language) -> dict[str, dict[str, str]]:
 
 
 def localised(text: str, language: Language) -> str:
-    """Return a text with its numbers as the language writes them: a decimal comma in German."""
+    """Return a text with its numbers in the notation of the language: a decimal comma in German."""
     return _POINT.sub(r"\1,\2", text) if language == "de" else text

@@ -1,10 +1,10 @@
 """``python -m stepdiag.virtual --config FILE.toml [--directory DIR]``: the bench as a separate
 process.
 
-It prints a JSON line when it is ready, with the addresses of its devices, and a line for every
-event of the program. Commands come line by line on standard input: ``start`` begins the next setup,
-``start npp`` drives a setup of the program again, ``fault {...}`` injects a fault given as JSON,
-``quit`` ends the bench; SIGTERM and SIGINT end the bench too.
+The process prints a JSON line when the bench is ready, with the addresses of its devices, and a
+line for every event of the program. Commands come line by line on standard input: ``start`` begins
+the next setup, ``start npp`` drives a setup of the program again, ``fault {...}`` injects a fault
+given as JSON, ``quit`` ends the bench; SIGTERM and SIGINT end the bench too.
 """
 
 import argparse
@@ -23,7 +23,9 @@ from stepdiag.virtual.bench.config import BenchConfig, read_config
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a bench until it receives quit; return the exit code (2: wrong configuration)."""
+    """Run a bench until it receives ``quit``; return the exit code (2 for a wrong
+    configuration).
+    """
     options = _parse(arguments)
     options.directory.mkdir(parents=True, exist_ok=True)
     done = threading.Event()
@@ -35,8 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     except ValueError as error:
         sys.stderr.write(f"{options.config}: {error}\n")
         return 2
-    # the devices can be reached from here on, and every line about the program comes after this
-    # line
+    # the devices can be reached from here on; lines about the program come only after this line
     _print({"event": "ready", **bench.addresses})
     with bench:
         threading.Thread(
@@ -63,7 +64,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def _listen(bench: VirtualBench, done: threading.Event) -> None:
-    """Execute the commands of standard input; its end is not a command."""
+    """Execute the commands on standard input; the end of the input is not a command."""
     for line in sys.stdin:
         command, _, rest = line.strip().partition(" ")
         if command == "quit":
@@ -71,7 +72,7 @@ def _listen(bench: VirtualBench, done: threading.Event) -> None:
         elif command:
             try:
                 _obey(bench, command, rest)
-            except ValueError as error:  # text that cannot be read as a fault is a fault too
+            except ValueError as error:  # an unreadable fault is refused as well
                 _print({"event": "refused", "text": str(error)})
 
 

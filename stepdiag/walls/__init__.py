@@ -1,5 +1,5 @@
-"""The walls of a process around itself before its first foreign client.
+"""Restrictions (walls) that a process puts on itself before it accepts its first foreign client.
 
-In: the files it reads, the port it calls. Out: the rights that the kernel leaves. Imported by
-`page`, `publish` and `fleet`.
+In: the files that the process reads, and the port that it calls. Out: the rights that the kernel
+could not remove. `page`, `publish` and `fleet` import this package.
 """

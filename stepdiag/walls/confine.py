@@ -1,7 +1,7 @@
-"""The walls that a process sets up around itself before its first foreign client: for the page, and
-for the publisher.
+"""Restrictions (walls) that a process puts on itself before it accepts its first foreign client:
+for the page, and for the publisher.
 
-There are two walls, because each leaves gaps that the other closes. A filter of system calls
+There are two walls, because each has gaps that the other closes. A filter of system calls
 (`stepdiag.walls.seccomp`), which every supported kernel has, removes kinds of calls: signals,
 limits and priorities of other processes, new sockets, new processes, writing. Landlock
 (landlock(7)) limits the objects of a call: the files to read, and from its later versions on TCP,
@@ -21,11 +21,11 @@ from pathlib import Path
 from stepdiag.walls.seccomp import shut_calls
 
 MOST_DESCRIPTORS = 1024
-"""Number of descriptors: three for each admitted connection (`stepdiag.page.connections`), and
-spare ones.
+"""Largest number of open descriptors: three for each admitted connection
+(`stepdiag.page.connections`), and a reserve.
 """
 MOST_MEMORY = 2**30
-"""Largest address space in bytes, most of which is never used."""
+"""Largest address space of the process in bytes, most of which is never used."""
 
 PROGRAM = Path(__file__).parents[1]
 
@@ -35,13 +35,21 @@ _CREATE_VERSION = 1
 _RULE_BENEATH, _RULE_PORT = 1, 2
 _READ_FILE, _READ_DIR = 1 << 2, 1 << 3
 _ALL_OF_THE_DISK = (1 << 13) - 1
-"""Every right of the first version of Landlock: execute, write, read, list, remove, make."""
+"""The rights that the first version of Landlock controls: execute, write, read, list,
+remove, make.
+"""
 _MORE_OF_THE_DISK = {2: 1 << 13, 3: 1 << 14, 5: 1 << 15}
-"""Later rights: move between folders; cut off; send commands to devices."""
+"""The rights that later versions of Landlock control: move files between folders; truncate files;
+send commands to devices.
+"""
 _BIND, _CONNECT = 1, 2
-"""TCP, since version 4. Bound sockets go on."""
+"""Rights to bind and to connect by TCP, which Landlock controls since version 4; sockets that are
+already bound stay usable.
+"""
 _SCOPES = 0b11
-"""Abstract sockets of others and signals to others, since version 6."""
+"""Restriction of abstract sockets of other processes and of signals to other processes, since
+version 6 of Landlock.
+"""
 
 
 def die_with_parent() -> None:
@@ -54,8 +62,8 @@ def die_with_parent() -> None:
 
 
 def readable_by_program(folder: Path) -> Sequence[Path]:
-    """Return the paths that a process reads: the program, its libraries, and a survey's folder, or
-    its future place.
+    """Return the paths that the process reads: the program, its libraries, and the folder of a
+    survey, or the future place of this folder.
     """
     libraries = [
         Path(place)
@@ -86,8 +94,8 @@ def confine(readable: Iterable[Path]) -> Sequence[str]:
 
 
 def confine_publisher(readable: Iterable[Path], *, calls: int = 0) -> Sequence[str]:
-    """Remove the same rights, except memory and output; with a port in ``calls``, TCP to this port
-    and the look-up of host names stay.
+    """Remove the same rights as `confine`, except those on memory and output; with a port in
+    ``calls``, TCP to this port and the look-up of host names stay possible.
     """
     return _walled(readable, calls)
 
@@ -116,16 +124,18 @@ OPEN = {
     "attributes of files": 99,
     "new processes": 99,
 }
-"""Possible harm to other processes, each with the version of Landlock that prevents it; 99 means
-none.
+"""Possible harm to other processes, each with the version of Landlock that prevents it; 99 if no
+version does.
 """
 _NETWORK = {"TCP", "abstract sockets", "UDP and other sockets"}
 _BY_CALLS = OPEN.keys() - {"reading the disk and the memory of its account"}
-"""Harm prevented by the filter of calls; for a calling process the network is not included."""
+"""The harm that the filter of system calls prevents; for a process that calls a server, the network
+is not included.
+"""
 
 
 def _shut_in(readable: Iterable[Path], calls: int) -> int:
-    """Set up Landlock; return its version, 0 for none."""
+    """Set up Landlock; return its version, 0 if the kernel has no Landlock."""
     version = max(_call("syscall", _LANDLOCK_CREATE, None, 0, _CREATE_VERSION), 0)
     disk = _ALL_OF_THE_DISK | sum(
         right for since, right in _MORE_OF_THE_DISK.items() if version >= since
@@ -158,7 +168,7 @@ def _allow(rules: int, path: Path) -> None:
     try:
         place = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
-        return  # a path that does not exist needs no rule
+        return  # no rule is needed for a path that does not exist
     try:
         rights = _READ_FILE | _READ_DIR if path.is_dir() else _READ_FILE
         _call(

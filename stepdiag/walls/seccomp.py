@@ -17,9 +17,9 @@ the call, the architecture and the arguments as numbers, but no memory behind th
 
 One instruction is 8 bytes: code, jump if true, jump if false, constant (struct sock_filter). The
 data (struct seccomp_data) hold the number at 0, the architecture at 4, argument k at 16 + 8k, its
-lower half first on both architectures. A process without new privileges may set it; TSYNC puts it
-on all threads. A file or socket that is already open stays in use: reading, accepting and answering
-continue.
+lower half first on both architectures. A process without new privileges may set the filter; TSYNC
+puts the filter on all threads. A file or socket that is already open stays in use: reading,
+accepting and answering continue.
 """
 
 import ctypes
@@ -30,7 +30,9 @@ from collections.abc import Mapping
 
 _NEWEST = 450
 _MACHINES = {"x86_64": (0, 0xC000003E, 317), "aarch64": (1, 0xC00000B7, 277)}
-"""Column of the numbers below, the audit architecture, the number of seccomp(2)."""
+"""By processor: the column of the call numbers below, the audit architecture, the number of
+seccomp(2).
+"""
 _NONE = -1
 
 _NETWORK = {
@@ -140,9 +142,9 @@ _FILES = {
 }
 _ABSENT = {"clone3": (435, 435), "openat2": (437, 437)}
 _FOR_WRITING, _FASTOPEN, _THREAD, _ANY_BIT = 0o1103, 0x20000000, 0x10000, 0xFFFFFFFF
-"""Bits of arguments that decide about a call: O_WRONLY, O_RDWR, O_CREAT or O_TRUNC of an opening;
-MSG_FASTOPEN of a sending; CLONE_THREAD; any bit of a process number, which is 0 for the process
-itself.
+"""Bits of arguments that decide whether a call is allowed: O_WRONLY, O_RDWR, O_CREAT or O_TRUNC
+when a file is opened; MSG_FASTOPEN when data are sent; CLONE_THREAD; and any bit of a process
+number, which is 0 for the process itself.
 """
 _BY_BITS = {
     "open": ((2, _NONE), 1, _FOR_WRITING, False),
@@ -152,7 +154,9 @@ _BY_BITS = {
     "sendmsg": ((46, 211), 2, _FASTOPEN, False),
     "prlimit64": ((302, 261), 0, _ANY_BIT, False),
 }
-"""Numbers, the argument, the mask, and whether a set bit allows the call or refuses it."""
+"""Calls that are decided by the bits of an argument: their numbers, the place of the argument, the
+mask, and whether a set bit allows or refuses the call.
+"""
 
 _LOAD, _EQUAL, _ABOVE, _BITS, _RETURN = 0x20, 0x15, 0x25, 0x45, 0x06
 _ALLOW, _ERROR, _KILL = 0x7FFF0000, 0x00050000, 0x80000000
@@ -160,10 +164,10 @@ _SET_FILTER, _ON_ALL_THREADS = 1, 1
 
 
 def shut_calls(*, network: bool = False) -> bool:
-    """Set the filter on every thread of this process; return whether the kernel accepted it. Needs
-    no_new_privs (prctl(2)).
+    """Set the filter on every thread of this process; return whether the kernel accepted it. The
+    process must have set no_new_privs (prctl(2)).
 
-    With ``network`` new sockets and connections stay.
+    With ``network``, new sockets and connections stay possible.
     """
     machine = _MACHINES.get(platform.machine())
     if machine is None:
@@ -185,8 +189,8 @@ def shut_calls(*, network: bool = False) -> bool:
 
 
 def _program(column: int, architecture: int, refused: Mapping[str, tuple[int, int]]) -> bytes:
-    """Return the filter: each rule is self-contained and jumps over its own answer, so that no rule
-    depends on the number of others.
+    """Return the filter as bytes. Each rule jumps only over its own answer, so no rule depends on
+    the number of the others.
     """
     refuse, absent = _ERROR | errno.EPERM, _ERROR | errno.ENOSYS
     lines = [

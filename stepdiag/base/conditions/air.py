@@ -21,7 +21,8 @@ Vector = NDArray[np.float64]
 
 ZERO_CELSIUS_K = 273.15
 CIDDOR_CO2_PPM = 450.0
-"""The carbon dioxide content behind the NIST values."""
+"""The carbon dioxide content of the air, in ppm, for which NIST publishes its values of the index.
+"""
 
 _PLAUSIBLE = {
     "air_temperature_c": (-40.0, 100.0),
@@ -35,14 +36,14 @@ HALL = {
     "air_pressure_hpa": (600.0, 1100.0),
     "relative_humidity_percent": (0.0, 100.0),
 }
-"""Possible conditions of a machine hall: above the first number, up to the second. Registers that
-were never written hold 0; a pressure in kPa reads 101.
+"""Possible conditions of the air and the material in a machine hall: above the first number, up to
+the second. Registers that were never written hold 0; a pressure in kPa reads 101.
 """
 
 
 class Done(enum.Flag):
     """Corrections that the instrument has already made to its length; the program makes only the
-    others.
+    missing corrections.
 
     ``WAVELENGTH``: the length is divided by the present index of the air. ``DEAD_PATH``: the path
     that was not zeroed is corrected. ``EXPANSION``: the length is reduced to 20 C of the material.
@@ -150,7 +151,8 @@ def ciddor_index(
     water_standard = 1.022e-8 * (295.235 + 2.6422 * s - 0.03238 * s**2 + 0.004028 * s**3)
     water_molar, gas = 0.018015, 8.314472
     moles = p / (_ciddor_compressibility(t, p, xv) * gas * (t + ZERO_CELSIUS_K))
-    # the ratio of the density of dry air to that of standard air counts: its molar mass is in both
+    # the equation needs the ratio of two densities, dry air to standard air: the molar mass of dry
+    # air cancels
     standard_moles = 101325 / (0.9995922115 * gas * 288.15)
     dry = (1 - xv) * moles / standard_moles * dry_standard
     water = xv * moles * water_molar / 0.00985938 * water_standard
@@ -168,13 +170,13 @@ _EQUATIONS: dict[IndexEquation, Callable[[Air, float], Vector]] = {
 def refractive_index(
     air: Air, vacuum_wavelength_nm: float, equation: IndexEquation = "edlen"
 ) -> Vector:
-    """Return the index by the equation named, shape of ``air``."""
+    """Return the refractive index by the named equation, shape of ``air``."""
     return _EQUATIONS[equation](air, vacuum_wavelength_nm)
 
 
 def correction_factor(index: ArrayLike, done: Done) -> Vector:
-    """Return the factor per stop from the instrument's length to the length in this air, shape
-    (N,).
+    """Return, for each stop, the factor from the instrument's length to the length in this air,
+    shape (N,).
     """
     n = np.asarray(index, dtype=np.float64)
     factor: Vector = np.ones_like(n) if Done.WAVELENGTH in done else 1 / n
@@ -192,10 +194,11 @@ def displacement_mm(
     """Return the true displacement of the target at every stop, shape (N,).
 
     ``reading_mm`` is relative to the pass's first stop and grows away from the laser; ``index``
-    (N,) is the air's at each stop and ``zero_index`` at the first. An instrument that counts in
-    vacuum wavelengths reads ``n (D + L) - n0 D`` with ``D`` the dead path: the distance from the
-    interferometer to the target at the first stop, which no zeroing removes (Agilent 5530 manual,
-    "deadpath distance"). ``done`` names the corrections already made by the instrument.
+    (N,) is the refractive index of the air at each stop, ``zero_index`` the index at the first
+    stop. An instrument that counts in vacuum wavelengths reads ``n (D + L) - n0 D``. ``D`` is the
+    dead path: the distance from the interferometer to the target at the first stop, which no
+    zeroing removes (Agilent 5530 manual, "deadpath distance"). ``done`` names the corrections
+    already made by the instrument.
     """
     n = np.asarray(index, dtype=np.float64)
     lengths: Vector = np.asarray(reading_mm, dtype=np.float64) * correction_factor(n, done)
@@ -205,13 +208,16 @@ def displacement_mm(
 
 
 EQUATION_U = 1e-8
-"""Standard uncertainty of the equations themselves (RECALLED: Birch and Downs, Metrologia 31 (1994)
-315)."""
+"""Standard uncertainty of the two equations of the refractive index (RECALLED: Birch and Downs,
+Metrologia 31 (1994) 315).
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirUncertainty:
-    """Standard uncertainties (k = 1) of the sensors' values as values of the air in the beam."""
+    """Standard uncertainties (k = 1) of temperature, pressure and humidity, where the values of the
+    sensors are used as those of the air in the beam.
+    """
 
     temperature_c: float
     pressure_hpa: float
@@ -219,8 +225,9 @@ class AirUncertainty:
 
 
 def index_u(air: Air, vacuum_wavelength_nm: float, u: AirUncertainty) -> Vector:
-    """Return the standard uncertainty of the index, shape of ``air`` (GUM 5.1: sensitivities by
-    central difference)."""
+    """Return the standard uncertainty of the refractive index, shape of ``air`` (GUM 5.1:
+    sensitivities by central difference).
+    """
     total = np.full(
         np.shape(air.temperature_c + air.pressure_hpa + air.humidity_percent), EQUATION_U**2
     )
@@ -235,8 +242,8 @@ def index_u(air: Air, vacuum_wavelength_nm: float, u: AirUncertainty) -> Vector:
 
 
 def _sensitivity(air: Air, vacuum_wavelength_nm: float, name: str, half: float) -> Vector:
-    """Return d index / d quantity from both sides; at the ends of the range from the one valid
-    side.
+    """Return the derivative of the refractive index by a condition of the air, from values on both
+    sides; at the ends of the condition's range, from the valid side alone.
     """
     state = {
         field: getattr(air, field)

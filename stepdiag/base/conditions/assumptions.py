@@ -46,38 +46,43 @@ CLASSES: Mapping[str, Mapping[str, float]] = {
         "shape_um": 20.0,
     },
 }
-"""Usual sizes by class of machine, by their names in `Assumptions`."""
+"""Usual sizes of a machine's errors by class of machine, with the names of the fields of
+`Assumptions`.
+"""
 
 FEEDBACKS: Mapping[str, Mapping[str, float]] = {
     "screw": {"good": 0.7, "ordinary": 1.5, "poor": 3.0},
     "scale": {"good": 0.1, "ordinary": 0.15, "poor": 0.3},
 }
-"""``between_um`` by position feedback and class. A rotary encoder on a ball screw has waves of 1 to
-3 um, once or twice a pitch; a linear scale has the error of its interpolation.
+"""The assumed waves between the targets (``between_um`` of `Assumptions`) by position feedback and
+class of machine. A rotary encoder on a ball screw has waves of 1 to 3 um, once or twice a pitch; a
+linear scale has the error of its interpolation.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumptions:
-    """Usual sizes (k = 1 unless a range is named) of an ordinary machine with ball screws; zero
-    switches a source off. Sizes marked * start the search: the closure of the readings shows their
-    size on this machine; otherwise the stated size stands.
+    """The assumed sizes of the error sources (k = 1 unless a range is named), by default those of
+    an ordinary machine with ball screws; zero switches a source off. Sizes marked * start the
+    search: the closure of the readings shows their size on this machine; any other size is used as
+    stated.
 
     ``angles_urad`` *: range of each angular function over the travel of its axis; ``angle_urad``
     overrides this range for single functions. ``drift_um`` *: linear drift in one pass without
-    return; ``wander_um`` *: sum of the further drift by the end of a pass. ``repeatability_um`` *:
-    scatter of one approach of one axis to a target; 0.05 to 3 um are likely if the readings show
-    it. ``setup_c`` *: change of the machine's temperature from setup to setup. ``growth_um_m`` *:
-    growth of the axes from the first to the last reading of the survey that no sensor shows.
-    ``expansion_um_m_c``: material of the axes, ``u_expansion_um_m_c`` its standard uncertainty.
-    ``index``: relative, of the air's index and the laser's wavelength, a single error for the whole
-    survey; ``index_setup`` its unseen change between setups. ``alignment_mrad``: largest angle of a
-    beam to mirror or travel. ``between_um``: waves of the positioning functions too short for the
-    targets. ``reading_um`` is used for a stop without its own noise. ``material_c``: temperature of
-    the axes, ``u_material_c`` its standard uncertainty, part of the uncertainty of lengths at 20 C,
-    thus of the readings if ``reduced_to_20_c``; ``material_stated`` if the user states it.
-    ``shape_um``, ``squareness_urad``, ``scale_um_m``: usual sizes of a machine of its class without
-    a measurement.
+    return; ``wander_um`` *: irregular drift, summed up to the end of a pass. ``repeatability_um``
+    *: scatter of one approach of one axis to a target; 0.05 to 3 um are likely if the readings
+    determine the scatter. ``setup_c`` *: change of the machine's temperature from setup to setup.
+    ``growth_um_m`` *: growth of the axes from the first to the last reading of the survey that no
+    sensor shows. ``expansion_um_m_c``: expansion coefficient of the axes' material,
+    ``u_expansion_um_m_c`` its standard uncertainty. ``index``: relative error of the air's
+    refractive index and the laser's wavelength, the same for the whole survey; ``index_setup``:
+    unmeasured change of this error between setups. ``alignment_mrad``: largest angle of a beam to
+    mirror or travel. ``between_um``: waves of the positioning functions too short for the targets.
+    ``reading_um`` is used for a stop without its own noise. ``material_c``: temperature of the
+    axes, ``u_material_c``: its standard uncertainty. This uncertainty belongs to lengths at 20 C,
+    thus to the readings if ``reduced_to_20_c``. ``material_stated``: the user has stated the
+    temperature. ``shape_um``, ``squareness_urad``, ``scale_um_m``: usual sizes of the errors of a
+    machine of this class, used where no measurement exists.
     """
 
     angles_urad: float = 15.0
@@ -103,8 +108,8 @@ class Assumptions:
     scale_um_m: float = 20.0
 
     def u_grown_um_m(self) -> Vector:
-        """Return the uncertainty of each axis' difference from its length at 20 C, in um/m, shape
-        (3,).
+        """Return, for each axis, the uncertainty of the difference between its length and its
+        length at 20 C, in um/m, shape (3,).
         """
         excess_c = np.array(self.material_c) - REFERENCE_TEMPERATURE_C
         u: Vector = np.hypot(
@@ -114,19 +119,20 @@ class Assumptions:
         return u
 
     def stated(self) -> Assumed:
-        """Return the sizes as a result states them; relative ones in ppm, since 2e-7 would be zero
-        in the six decimals of a result.
+        """Return the assumed sizes in the form stored in a result; relative sizes in ppm, since
+        2e-7 would be zero in the six decimals of a result.
         """
         sizes = asdict(self)
         index, index_setup = (1e6 * sizes.pop(name) for name in ("index", "index_setup"))
         return Assumed(index_ppm=index, index_setup_ppm=index_setup, **sizes)
 
     def angle_range_urad(self, name: str) -> float:
-        """Return the range assumed for an angular function."""
+        """Return the assumed range of an angular function over the travel of its axis, in urad."""
         return self.angle_urad.get(name, self.angles_urad)
 
 
 def usual_sizes(machine: str = "ordinary", feedback: str = "screw") -> dict[str, float]:
-    """Return the usual sizes of a class of machine with a position feedback, by their names in
-    `Assumptions`."""
+    """Return the usual sizes of the errors of a machine, by its class and its position feedback,
+    with the names of the fields of `Assumptions`.
+    """
     return {**CLASSES[machine], "between_um": FEEDBACKS[feedback][machine]}

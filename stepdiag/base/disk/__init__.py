@@ -1,5 +1,6 @@
-"""Files as the operating system sees them: hidden places for writing, locks, syncing to the disk,
+"""Files as the operating system sees them: hidden folders for writing, locks, syncing to the disk,
 and the differences between systems.
 
-In: paths and bytes. Out: files that appear complete. Imported by every floor that writes.
+In: paths and bytes. Out: files that appear complete. Every floor that writes files imports this
+package.
 """

@@ -1,5 +1,5 @@
-"""Hidden places: a file is completed there before it gets its name, and an interrupted writer
-leaves no growing remains.
+"""Hidden folders beside the targets: a file is completed there before it gets its name, and an
+interrupted writer leaves no remains that accumulate.
 
 Every writer that replaces or creates a file goes through `part_of`: its hidden folder stands beside
 the target, is locked while its writer lives, and is removed by the next writer of the same target
@@ -51,7 +51,9 @@ def folder_made(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def undone_on_failure() -> Iterator[ExitStack]:
-    """Yield a stack of undo steps, which are executed if the enclosed work fails."""
+    """Yield a list to which the enclosed work adds undo steps; they are executed if the work
+    fails.
+    """
     with ExitStack() as undo:
         yield undo
         undo.pop_all()
@@ -63,25 +65,25 @@ def write_through(path: Path, data: bytes) -> None:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
-    with suppress(PermissionError):  # for a share that does not support modes
+    with suppress(PermissionError):  # a network share may not support modes
         path.chmod(0o644)
 
 
 def publish_new(written: Path, target: Path) -> None:
     """Rename a written file to a free name. Raises FileExistsError where the name is taken, OSError
-    where the disk refuses.
+    for an error of the disk.
     """
     try:
         target.hardlink_to(written)
     except FileExistsError:
         raise
-    except OSError:  # a file system without links: the name is reserved first
+    except OSError:  # for a file system without links: the name is reserved first
         target.open("x").close()
         written.replace(target)
 
 
 def _of_target(target: Path) -> list[Path]:
-    """Return the hidden folders of a target, of every maker."""
+    """Return the hidden folders beside a target, of all its writers."""
     name = re.compile(re.escape(f".{target.name}.") + "[a-z0-9_]{8}" + re.escape(SUFFIX))
     with suppress(OSError), os.scandir(target.parent) as entries:
         return [
@@ -93,8 +95,8 @@ def _of_target(target: Path) -> list[Path]:
 
 
 def _remove_abandoned(part: Path) -> None:
-    """Remove a hidden folder without a lock; if the file system has no locks, or another process
-    removes the folder, it remains.
+    """Remove a hidden folder that is not locked; without locks in the file system, or if another
+    process removes the folder, nothing is done.
     """
     with suppress(OSError):
         handle = open_folder(part)
@@ -106,8 +108,8 @@ def _remove_abandoned(part: Path) -> None:
 
 
 def _held_folder(target: Path) -> tuple[Path, int | None]:
-    """Return a new hidden folder and the handle that keeps it locked; a folder that another writer
-    removed meanwhile as abandoned is made again.
+    """Return a new hidden folder and the handle that keeps it locked; if another writer has
+    meanwhile removed the folder as abandoned, the folder is made again.
     """
     while True:
         part = Path(
@@ -123,8 +125,8 @@ def _held_folder(target: Path) -> tuple[Path, int | None]:
 
 
 def _locked(handle: int) -> bool:
-    """Lock a folder; return whether this writer has the lock. On a file system without locks no
-    folder is removed.
+    """Lock a folder; return whether this writer has the lock. On a file system without locks, no
+    hidden folder is ever removed.
     """
     try:
         lock(handle)

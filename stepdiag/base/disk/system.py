@@ -1,8 +1,8 @@
 """The differences between operating systems, in one place: locks, folders on the disk, a process's
 priority.
 
-Recording needs Linux. Commands that only work on files run wherever Python does: a missing feature
-of a system is left out here, and the function states the cost, if any.
+Recording needs Linux. Commands that only work on files run wherever Python does: the functions of
+this module leave out a feature that a system lacks, and each states what this costs.
 """
 
 import errno
@@ -24,16 +24,18 @@ NEW_FILE = (
     | getattr(os, "O_CLOEXEC", 0)
     | getattr(os, "O_BINARY", 0)
 )
-"""Flags of a new file whose bytes are written unchanged: without O_BINARY Windows inserts a
-carriage return before each line feed.
+"""Flags for opening a new file whose bytes are written unchanged: without O_BINARY, Windows inserts
+a carriage return before each line feed.
 """
 _FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0)
 FOLDERS_OPEN = hasattr(os, "O_DIRECTORY")
-"""Whether this system opens folders, to lock them and to sync their names to the disk."""
+"""Whether this operating system can open folders: to lock them, and to sync the names in them to
+the disk.
+"""
 
 
 def sync_file(descriptor: int) -> None:
-    """Have the bytes of a file on the disk. Raises OSError."""
+    """Sync the bytes of a file to the disk. Raises OSError."""
     getattr(os, "fdatasync", os.fsync)(descriptor)
 
 
@@ -61,15 +63,15 @@ def lock(descriptor: int, *, shared: bool = False) -> None:
 
 
 def open_folder(folder: Path) -> int:
-    """Return a descriptor of a folder; a link to a folder is refused. Raises OSError, as Windows
-    does for every folder.
+    """Return a descriptor of a folder; a link to a folder is refused. Raises OSError; on Windows
+    for every folder.
     """
     return os.open(folder, _FOLDER | getattr(os, "O_NOFOLLOW", 0))
 
 
 def nice(steps: int) -> None:
-    """Lower the priority of this process; if a sandbox or the operating system refuses, it stays
-    unchanged.
+    """Lower the priority of this process; if a sandbox or the operating system refuses this, the
+    priority stays unchanged.
     """
     with suppress(OSError, AttributeError):
         os.nice(steps)

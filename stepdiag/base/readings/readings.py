@@ -17,30 +17,30 @@ from stepdiag.base.volume import Vector, reads_like_metres
 
 REQUIRED = ("setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "reading_mm")
 MOST_READINGS = 300_000
-"""Largest number of rows: two hundred setups of the largest volume, out and back. Each row takes a
-kilobyte.
+"""Largest number of rows in a table of readings: two hundred setups of the largest volume, out and
+back. Each row takes a kilobyte.
 """
 OPTIONAL = ("u_um", "temperature_c", "time_s")
 ZERO = "zero"
 AT_20_C = "at_20_c"
-"""1 for a reading that was already reduced from ``temperature_c`` to 20 C; 0 or empty for a reading
-as measured.
+"""Column of a table of readings: 1 for a reading that was already reduced from ``temperature_c`` to
+20 C; 0 or empty for a reading as measured.
 """
 TURNED = "turned"
-"""1 at the first stop of a pass if its reading is the last reading of the previous pass: the
-machine reversed there.
+"""Column of a table of readings: 1 at the first stop of a pass if its reading is the last reading
+of the previous pass, because the machine reversed there.
 """
 NO_ZERO = -1
-"""Value for a reading without a zero shared with other passes: it is relative to the first stop of
-its pass.
+"""Entry of the column ``zero`` for a reading that shares its zero with no other pass: the reading
+is relative to the first stop of its pass.
 """
 BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
 MOST_MISSING = 0.1
-"""Largest share of missing stops within a pass that can still be solved."""
+"""Largest share of missing stops with which a pass can still be solved."""
 
 
 class PassKey(NamedTuple):
-    """Identity of a pass."""
+    """The key of a pass: its setup and its number."""
 
     setup: str
     number: int
@@ -57,7 +57,7 @@ class PassKey(NamedTuple):
 
     @property
     def words(self) -> Message:
-        """Return the pass for a person."""
+        """Return the pass as a message for a person."""
         return message("pass-of-setup", setup=self.setup, number=self.number)
 
     def __str__(self) -> str:
@@ -74,8 +74,8 @@ class Readings:
     (material) and ``time_s`` are NaN where unknown. ``beam_mm`` (N, 3) is a point of the beam line
     in machine coordinates, NaN where the beam runs through the pass's first commanded position.
     ``at_20_c`` states for every reading whether it was already reduced to 20 C, ``turned`` whether
-    it is the last reading of the previous pass: every axis reached it from the other side, and
-    stays on that side until it moves.
+    it is the last reading of the previous pass: every axis then reached the stop from the other
+    side, and stays on that side until it moves.
     """
 
     setup: tuple[str, ...]
@@ -352,7 +352,7 @@ def _refuse_half_zeros(
     readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str
 ) -> None:
     """Refuse a pass of whose stops only a part belongs to a stretch of the count: the reference of
-    the others is unknown.
+    the other stops is unknown.
     """
     for key, rows in passes.items():
         without = readings.zero[rows] == NO_ZERO

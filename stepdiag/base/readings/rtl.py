@@ -2,9 +2,9 @@
 written.
 
 The format is not published; the known facts come from four independent public readers and writers
-that agree (docs/lasers.md). So the reader accepts sections, keys and white space in any order and
-is strict about counts: every run has every target once, and an item without a place is refused. The
-writer makes files for these readers.
+that agree (docs/lasers.md). So the reader accepts sections, keys and white space in any order. It
+requires every target once in every run, and refuses numbers outside these. The files written here
+are for those public readers.
 """
 
 import re
@@ -22,7 +22,9 @@ from stepdiag.base.volume import Vector
 MOST_TARGETS = 20_000
 MOST_RUNS = 200
 LARGEST_DEVIATION_UM = 1e5
-"""A tenth of a metre: a larger value has another unit, or is an angle."""
+"""Largest magnitude of a deviation: a tenth of a metre. A larger number has another unit, or is an
+angle.
+"""
 _SECTION = re.compile(r"\s*(?P<name>[A-Z][A-Z -]*)::\s*\Z", re.IGNORECASE)
 _PAIR = re.compile(r"\s*(?P<key>[^:]{1,60}?)\s*:\s*(?P<value>.*?)\s*\Z")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?")
@@ -32,10 +34,11 @@ _A_LINE = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rtl:
-    """A file: targets (k,) in mm, deviations (runs, k) in um by target, odd runs (first, third ...)
-    outward, even ones back.
+    """The content of a file: targets (k,) in mm, deviations (runs, k) in um by target, odd runs
+    (first, third ...) outward, even ones back.
 
-    ``texts`` are its keys, in lower case, with their values; of a repeated key the first value.
+    ``texts`` are the keys of the file, in lower case, with their values; a repeated key has its
+    first value.
     """
 
     targets_mm: Vector
@@ -205,7 +208,7 @@ def _targets(
 def _deviation_lines(
     sections: Mapping[str, list[str]], source: str
 ) -> Iterator[tuple[int, str]]:
-    """Yield the lines of numbers of the deviations, numbered."""
+    """Yield the lines of the section of deviations, with their line numbers."""
     number = 0
     for line in sections["DEVIATIONS"]:
         if not line.strip() or not re.match(r"\s*[-+0-9.]", line):
@@ -246,8 +249,8 @@ def _bounded_number(word: str, where: str) -> float:
 
 
 def _both_ways(texts: Mapping[str, str], runs: int) -> bool:
-    """Return whether even runs go back: by the flags (0 1 2 0: one way only), or without flags for
-    two runs.
+    """Return whether runs with even numbers go back: by the flags (0 1 2 0: one way only); without
+    flags if there are two runs.
     """
     flags = texts.get("flags", "").split()
     return flags[:4] != ["0", "1", "2", "0"] if len(flags) >= 4 else runs > 1
@@ -259,8 +262,8 @@ def rtl_readings(
     """Return the rows (pass, stop, position, reading in mm) of a linear run, and the setup's name.
 
     ``setup`` names the axis if the file does not (``linear-x``), ``at_mm`` (3,) is a point of the
-    line: its coordinate along the axis has no effect. Raises UsageError where the axis is unknown
-    or differs from the file's.
+    measured line; its coordinate along the axis has no effect. Raises UsageError where the axis is
+    unknown, or differs from the axis in the file.
     """
     axis = setup.removeprefix("linear-") if setup else file.axis
     if not axis or (file.axis and file.axis != axis):
@@ -341,8 +344,8 @@ def with_runs(
 
 
 def render_rtl(readings: Readings, setup: str, texts: Mapping[str, str]) -> str:
-    """Return the passes of a linear run as an .rtl file, CRLF, for the maker's programs. ``texts``
-    go into USER-TEXT.
+    """Return the text of an .rtl file with the passes of a linear run, line ends CRLF, for the
+    maker's programs. ``texts`` go into USER-TEXT.
 
     Raises DataError where the passes do not visit the same targets.
     """

@@ -1,4 +1,4 @@
-"""A survey before the drive: its runs, their stops and their minutes."""
+"""The plan of a survey: its runs, their stops and their minutes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,14 +16,14 @@ from stepdiag.base.volume import Vector, Volume, irregular_mm, nodes_to_mm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """A setup of a survey: its number of repeats out (and back), and its line.
+    """A run of a survey: its setup, its number of repeats out (and back), and its line.
 
-    ``beam_offset_mm``: distance of its line from the usual line. Axes that stand still in the setup
-    are at this distance from their low end; across the travel of the others the beam has this
-    distance from the usual line. ``axis_orders``: the orders in which a step diagonal moves its
-    axes, for its repeats in turn; without it the order of the plan. ``alternate``: whether setups
-    begin with different orders. ``targets``: for a linear run, the approximate number of its
-    irregular targets (`irregular_mm`); 0: the nodes.
+    ``beam_offset_mm``: distance of the run's line from the usual line of the setup. An axis that
+    stands still is at this distance from its low end; across the moving axes, the beam is shifted
+    by this distance. ``axis_orders``: the orders in which a step diagonal moves its axes, one after
+    another for the repeats; if empty, the order of the plan. ``alternate``: whether different
+    setups begin with different orders. ``targets``: for a linear run, the approximate number of its
+    irregular targets (`irregular_mm`); with 0 the targets are the nodes.
     """
 
     setup: str
@@ -41,34 +41,38 @@ class Run:
 
     @property
     def travel(self) -> Setup:
-        """Return the setup as a value. Raises ``UsageError`` for an invalid name."""
+        """Return the setup of the run as a `Setup`. Raises ``UsageError`` for an invalid name."""
         return setup_of(self.setup, "plan: setup")
 
     @property
     def orders(self) -> tuple[str, ...]:
-        """Return the stated orders, beginning with the order of its first repeat."""
+        """Return the stated orders of axes, beginning with the order of the run's first repeat."""
         if not self.alternate or self.travel.kind not in ("step", "face"):
             return self.axis_orders
-        # by its name: an additional setup leaves the orders of the others unchanged
+        # the name of the setup gives the first order: a further setup in the plan leaves the orders
+        # of the others unchanged
         first = self.travel.order[0] % max(len(self.axis_orders), 1)
         return (*self.axis_orders[first:], *self.axis_orders[:first])
 
     @property
     def driven_orders(self) -> tuple[str, ...]:
-        """Return the stated orders used by its repeats, each once; none if a single axis moves."""
+        """Return the stated orders of axes that the repeats of the run use, without duplicates;
+        none if a single axis moves.
+        """
         several = self.travel.kind in ("step", "face")
         return tuple(dict.fromkeys(self.orders[: self.repeats])) if several else ()
 
     @property
     def pass_numbers(self) -> range:
-        """Return the numbers of its passes: odd outward, even back."""
+        """Return the numbers of the run's passes: odd outward, even back."""
         return range(1, 2 * self.repeats + 1, 1 if self.return_pass else 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
     """The pace of a survey. ``diagonal_setup_min`` and the like: minutes to place and align the
-    optics for a setup of a kind; ``beam_shift_min``: for the same setup on another line.
+    optics for a setup of a kind; ``beam_shift_min``: minutes to move the beam to another line of
+    the same setup.
 
     The published four diagonals of 1 m^3 take 2 to 4 hours, nearly all of this time for setting up.
     """
@@ -84,7 +88,9 @@ class Pace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """The runs of a survey in a volume; step diagonals move their axes in ``axis_order``."""
+    """A plan: the runs of a survey in a volume. Step diagonals move their axes in
+    ``axis_order``.
+    """
 
     volume: Volume
     runs: tuple[Run, ...]
@@ -102,8 +108,8 @@ class Plan:
         return replace(self, runs=tuple(runs))
 
     def run_of(self, setup: str) -> Run:
-        """Return the run of a setup; a setup outside the plan goes along its usual line. Raises
-        ``UsageError`` for an invalid name.
+        """Return the run of a setup; for a setup that is not in the plan, a run along its usual
+        line. Raises ``UsageError`` for an invalid name.
         """
         return next((run for run in self.runs if run.setup == setup), Run(setup=setup))
 
@@ -125,7 +131,9 @@ def run_stops_mm(plan: Plan, run: Run, number: int = 1) -> Vector:
 
 
 def order_of(plan: Plan, run: Run, number: int) -> str:
-    """Return the order in which a pass moves the axes, the same for a way out and its way back."""
+    """Return the order in which a pass moves the axes; a way out and the way back after it have the
+    same order.
+    """
     orders = run.orders or (plan.axis_order,)
     return orders[(number - 1) // 2 % len(orders)]
 
@@ -157,7 +165,9 @@ def run_minutes(plan: Plan, run: Run) -> float:
 
 
 def setup_minutes(plan: Plan, run: Run) -> float:
-    """Return the minutes to set up: a setup in place needs no new alignment on another line."""
+    """Return the minutes to set up a run: a setup that is already in place needs no new alignment
+    on another line.
+    """
     pace, setup = plan.pace, run.travel
     before = plan.runs[: plan.runs.index(run)] if run in plan.runs else plan.runs
     if any(other.travel.base == setup.base for other in before):
@@ -202,8 +212,9 @@ def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
 
 
 def beam_mm(plan: Plan, run: Run) -> Vector:
-    """Return a point of the beam line of a run, shape (3,): where its first stop would be on the
-    usual line, and beside it."""
+    """Return a point of the beam line of a run, shape (3,): the place of its first stop on the
+    usual line, shifted by the offset of the beam.
+    """
     usual = run_stops_mm(plan, replace(run, beam_offset_mm=(0.0, 0.0, 0.0)))[0]
     beam: Vector = usual + np.array(run.beam_offset_mm)
     return beam

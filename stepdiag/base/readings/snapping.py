@@ -1,5 +1,4 @@
-"""The targets of the machine's stops: each reported position belongs to a single target, by a
-single rule of rounding.
+"""The targets of the machine's stops: one rule of rounding gives each reported position its target.
 
 A register holds a commanded position with few decimals, or the position of an encoder with a
 scatter of micrometres. Both differ from the target, and the reading differs by the same amount. So
@@ -50,8 +49,8 @@ def snapped_mm(
 
 
 def _clustered(position_mm: Vector, near_mm: float) -> Vector:
-    """Return the mean of each cluster of positions, for each position, shape (k,): a wider gap
-    separates two targets.
+    """Return, for each position, the mean of its cluster, shape (k,). A gap wider than the
+    tolerance separates two clusters, and thus two targets.
     """
     if not len(position_mm):
         return position_mm
@@ -67,8 +66,8 @@ def _clustered(position_mm: Vector, near_mm: float) -> Vector:
 
 
 def shared_mm(volume: Volume, axis: int, position_mm: Vector, target_mm: Vector) -> Vector:
-    """Return the target of positions along an axis, shape (k,): an entry of ``target_mm`` if near,
-    else by `snapped_mm`.
+    """Return the target of each position along an axis, shape (k,): a near entry of ``target_mm``,
+    else the mean of the cluster by `snapped_mm`.
     """
     known = np.unique(np.concatenate([target_mm, volume.nodes_mm(axis)]))
     place = np.clip(np.searchsorted(known, position_mm), 1, len(known) - 1)
@@ -84,8 +83,9 @@ def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, floa
     edges.
 
     ``steps`` (k,) is the number of equal steps from edge to edge in the pass of each position. All
-    stops together give the edges: the stop of a single corner may scatter. Positions without equal
-    steps give their extremes: the check of the passes then names the stop.
+    stops together give the edges, because the single stop at a corner may scatter. For positions
+    without equal steps, the edges are the extremes; the check of the passes then names the wrong
+    stop.
     """
     low, high = float(np.min(position_mm)), float(np.max(position_mm))
     if high - low <= 2.0 * POSITION_TOLERANCE_MM:
@@ -103,8 +103,8 @@ def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, floa
 
 
 def _rounded(edge_mm: float, slack_mm: float) -> float:
-    """Return the whole number within ``slack_mm`` of an edge, else the multiple of 0.1 mm within
-    it, else the edge.
+    """Return an edge of the box, rounded: to the whole number of mm within ``slack_mm``, else to
+    the multiple of 0.1 mm within it, else unchanged.
     """
     for decimals in (0, 1):
         if abs(round(edge_mm, decimals) - edge_mm) <= slack_mm:

@@ -1,5 +1,5 @@
-"""Checks whether a pass follows its setup and whether the laser agrees. Error messages that name
-the stop.
+"""Checks whether a pass follows its setup and whether the laser agrees with the travel; their error
+messages name the stop.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from stepdiag.base.setups import Setup
 from stepdiag.base.volume import Vector, Volume
 
 SHORTEST_MOVE_MM = 0.05
-"""Tolerance of an axis along which a run has separate targets."""
+"""Tolerance in position of an axis along which a run has targets of its own, beside the nodes."""
 LASER_TOLERANCE = 0.1
 """The travel of the laser must agree with the nominal travel within a tenth: far beyond any machine
 error, far below a wrong unit.
@@ -51,7 +51,7 @@ def check_route(
 
 def _least_move_mm(setup: Setup, volume: Volume) -> Vector:
     """Return the smallest distance of each axis that counts as a move, shape (3,): a standing axis
-    may differ from its target at both stops.
+    may differ from its target at the two stops of the move.
     """
     own = (
         np.array(setup.signs) != 0 if setup.kind == "linear" else np.zeros(3, dtype=np.bool_)
@@ -67,8 +67,8 @@ def _check_each_move(
     least_mm: Vector,
     where: str,
 ) -> None:
-    """Check that every move has the direction of the setup; step diagonals move one axis at a time,
-    or several across a missing stop.
+    """Check that every move has the direction of the setup. In a step diagonal one axis moves at a
+    time, or several where a stop is missing.
     """
     moves, steps = np.diff(position, axis=0), np.diff(stop)
     moving = np.abs(moves) > least_mm
@@ -100,7 +100,7 @@ def _check_each_move(
 def _check_steps(
     setup: Setup, position: Vector, stop: NDArray[np.int64], volume: Volume, where: str
 ) -> None:
-    """A step diagonal moves every axis once in each step, by equal increments."""
+    """Check that a step diagonal moves every axis once in each step, by equal increments."""
     if setup.kind not in ("step", "face"):
         return
     moved = [axis for axis in range(3) if setup.signs[axis]]
@@ -116,7 +116,7 @@ def _check_steps(
     corner = np.flatnonzero(stop % len(moved) == 0)
     ideal = np.array(volume.size_mm) * (stop[corner] // len(moved))[:, None] / steps
     off = np.abs(np.abs(position[corner] - position[0]) - ideal)[:, moved]
-    # two stops and the edges of the box, each with its tolerance
+    # two stops and two edges of the box contribute, each with its tolerance
     if np.any(off > 3.0 * volume.tolerance_mm[moved]):
         worst = int(corner[np.argmax(off.max(axis=1))])
         raise DataError(
@@ -130,8 +130,8 @@ def _check_steps(
 def _check_ends(
     setup: Setup, position: Vector, signs: NDArray[np.int64], volume: Volume, where: str
 ) -> None:
-    """A diagonal runs from corner to corner: a shorter one has another direction or lacks an
-    end.
+    """Check that a diagonal runs from corner to corner: a shorter diagonal has another direction or
+    lacks an end.
     """
     if setup.kind != "body":
         return

@@ -1,5 +1,5 @@
-"""Deviations of functions from the curve through their values, between the targets: in predictions,
-an arch from each value to the next.
+"""Deviations of error functions from the curve through their values: in predictions, an arch (a
+parabola) between each two neighbouring targets.
 """
 
 from functools import lru_cache
@@ -25,7 +25,9 @@ class Between(NamedTuple):
     size_um: Vector
 
     def square_um(self, some: slice) -> Vector:
-        """Return the mean square at the points of some draws, shape (draws, N, 3)."""
+        """Return the mean square of the deviations at the points, for some draws, shape (draws, N,
+        3).
+        """
         found = np.zeros((len(self.size_um[some]), self.arch.shape[1], 3))
         for place, component in enumerate(self.component):
             found[:, :, component] += (
@@ -44,8 +46,8 @@ class Between(NamedTuple):
         return waves
 
     def met(self, fields_um: Vector) -> Vector:
-        """Return the square sum of the overlap of 1 um arches with the errors of fields (k, 3 N),
-        shape (functions,).
+        """Return, for each function, the sum of squares of the products of its arches (1 um high)
+        with error fields (k, 3 N), shape (functions,).
         """
         fields, found = (
             fields_um.reshape(len(fields_um), fields_um.shape[1] // 3, 3),
@@ -61,12 +63,13 @@ class Between(NamedTuple):
         return found
 
     def across_um2(self, met: Vector) -> Vector:
-        """Return the increase of the square sum of drawn fields by deviations between the targets
-        along or against them, shape (draws,): in addition to the mean square, and zero on average.
+        """Return the part of the square sum of drawn fields that comes from the product of the
+        field with the deviations between the targets, shape (draws,). The part is zero on average,
+        and the mean square of the deviations is added separately.
 
-        An arch has one sign from value to value, and the errors at its place (`met`, the sum over
-        all deviations) do not change theirs: four increments have 36 arches in a volume, which do
-        not cancel. The sum of so many is normal.
+        An arch keeps its sign from value to value, and so does the error field there (`met`): the
+        products do not cancel. Four increments have 36 arches in a volume; the sum of so many
+        products is normal.
         """
         found: Vector = (
             2.0
@@ -95,7 +98,8 @@ def arches_of(result: Result, points_mm: Vector, draws: int) -> Between:
         low = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, len(nodes) - 2)
         share = np.clip((at - nodes[low]) / (nodes[low + 1] - nodes[low]), 0.0, 1.0)
         arch[place], cell[place] = 4.0 * share * (1.0 - share), low
-        # a single machine: deviations hidden on an axis are hidden on the others too
+        # the order is the same for all functions: deviations of one machine are small on all axes
+        # or large on all
         size[:, place] = sizes[alike % len(sizes)]
     return Between(
         arch,

@@ -26,21 +26,22 @@ ASSUMED = (
     "squareness_urad",
     "scale_um_m",
 )
-"""The sizes shown to a person, by their names in `members.Assumed`."""
+"""The assumed sizes that a person reads, by their names in `members.Assumed`."""
 
 Scales = tuple[tuple[str, float, float], ...]
-"""Axis, value in um/m and expanded uncertainty (k = 2) of every known scale."""
+"""The known scales: axis, value in um/m and expanded uncertainty (k = 2) of each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Basis:
-    """``assumed`` holds the sizes by name, ``tables`` the lengths that the tables correct, None if
-    the result does not state them.
+    """The basis of a result's U and tables. ``assumed`` holds the assumed sizes by name. ``tables``
+    names the lengths that the tables correct (as measured, or at 20 C); None if the result does not
+    state this.
 
-    ``material_c`` is the machine's temperature, ``scales`` are the scales that the tables correct,
-    ``other`` the scales at the other temperature. ``air`` holds the assumed conditions of the air
-    without a sensor, by name. ``tool_um`` is the effect of angles on a tool tip 100 mm from the
-    point of the beam on the mirror.
+    ``material_c`` is the mean temperature of the axes. ``scales`` are the scales of the lengths
+    that the tables correct, ``other`` the scales of the lengths that no table corrects. ``air``
+    holds the assumed conditions of the air without a sensor, by name. ``tool_um`` is the effect of
+    angles on a tool tip 100 mm from the point of the beam on the mirror.
     """
 
     assumed: Mapping[str, float]
@@ -53,7 +54,7 @@ class Basis:
 
     @property
     def beside(self) -> Lengths:
-        """Return the lengths that no table corrects."""
+        """Return the lengths that no table corrects: as measured, or at 20 C."""
         return "at_20_c" if self.tables == "as_measured" else "as_measured"
 
 
@@ -75,7 +76,7 @@ def basis_of(result: Result) -> Basis:
 
 
 def sizes_of(assumed: Assumed) -> dict[str, float]:
-    """Return the stated sizes of `ASSUMED` by their names."""
+    """Return the assumed sizes that a result states, by their names in `ASSUMED`."""
     return {name: size for name in ASSUMED if (size := getattr(assumed, name)) is not None}
 
 

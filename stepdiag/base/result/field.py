@@ -21,25 +21,26 @@ PRODUCTS: Mapping[str, tuple[int, tuple[int, ...]]] = {
     },
     "Z(yyz)": (2, (1, 1, 2)),
 }
-"""Errors outside every function of an axis, by name: component, and the axes whose shares of the
-travel are multiplied. Each is the machine's error at the far corner, in um: an axis bends where
-another carries it further out, or a ram sags.
+"""Errors that no function of a single axis describes, by name: the component of the error, and the
+axes whose shares of the travel are multiplied. Each is the machine's error at the far corner, in
+um: an axis bends where another carries it further out, or a ram sags.
 """
 BEYOND_MM = 1.0
-"""Largest distance of a target outside the measured volume: functions keep their end values
+"""Largest distance in mm of a target outside the measured volume: functions keep their end values
 there.
 """
 
 
 class Tabulated(NamedTuple):
-    """Functions of one axis' position, linear between the positions and held outside: ``value``
-    (machines, k)."""
+    """Functions of one axis' position: linear between the positions, constant beyond the first and
+    the last. ``value`` has the shape (machines, k).
+    """
 
     position_mm: Vector
     value: Vector
 
     def at(self, points_mm: Vector) -> Vector:
-        """Return the values at positions, shape (machines, N)."""
+        """Return the values of the functions at positions, shape (machines, N)."""
         if len(self.value) > len(self.position_mm):
             return _of_many(self, points_mm)
         place = np.clip(
@@ -56,18 +57,18 @@ class Tabulated(NamedTuple):
 
 
 class Smoothed(NamedTuple):
-    """As `Tabulated`, bent between the positions: the cubic spline through evenly spaced values, a
-    parabola in its first and last cell.
+    """Functions as in `Tabulated`, but curved between the positions: the cubic spline through
+    evenly spaced values, with a parabola in its first and last cell.
 
-    The curve leaves waves of 3.3 increments by 7 % of their size, a parabola through each value and
-    its neighbours by 22 %.
+    The spline differs from waves of 3.3 increments by 7 % of their size, a parabola through each
+    value and its neighbours by 22 %.
     """
 
     position_mm: Vector
     value: Vector
 
     def at(self, points_mm: Vector) -> Vector:
-        """Return the values at positions, shape (machines, N)."""
+        """Return the values of the functions at positions, shape (machines, N)."""
         if len(self.value) > len(self.position_mm):
             return _of_many(self, points_mm)
         straight = Tabulated(self.position_mm, self.value).at(points_mm)
@@ -84,7 +85,9 @@ class Smoothed(NamedTuple):
         return bent
 
     def _curved(self) -> Vector:
-        """Return the second derivative at the positions; crowded values give only noise."""
+        """Return the second derivative at the positions; positions close to each other would give
+        only noise.
+        """
         even_mm = evenly(self.position_mm)
         value = Tabulated(self.position_mm, self.value).at(even_mm)
         inner = np.diff(value, n=2, axis=1) / (even_mm[1] - even_mm[0]) ** 2
@@ -92,16 +95,15 @@ class Smoothed(NamedTuple):
             return np.broadcast_to(np.sum(inner, axis=1, keepdims=True), self.value.shape)
         size = len(even_mm)
         system = 4.0 * np.eye(size) + np.eye(size, k=1) + np.eye(size, k=-1)
-        # a parabola in the first and the last cell: a third derivative there would come from the
-        # noise
+        # a parabola in the first and the last cell: a third derivative there would be noise
         system[0, 1] = system[-1, -2] = -4.0
         target = np.pad(6.0 * inner, ((0, 0), (1, 1)))
         return Tabulated(even_mm, np.linalg.solve(system, target.T).T).at(self.position_mm)
 
 
 def _of_many(functions: Tabulated | Smoothed, points_mm: Vector) -> Vector:
-    """Return the values of `at` for more machines than positions: the effect of a unit at each
-    position, times the values.
+    """Return the values of `at`, computed for more machines than positions: the effect of a unit
+    value at each position, times the values.
     """
     values: Vector = functions.value @ functions._replace(
         value=np.eye(len(functions.position_mm))
@@ -176,7 +178,7 @@ def error_field_um(result: Result, points_mm: Vector) -> Vector:
     counts as zero.
 
     Angular functions that were not measured have their most likely values by the readings
-    (``result.expected``): they belong to the displacement functions estimated with them.
+    (``result.expected``): the displacement functions were estimated with these values.
     """
     known = {**result.errors, **result.expected}
     functions = {
@@ -198,7 +200,7 @@ def bend_um(result: Result, points_mm: Vector) -> Vector:
     """Return the difference of smooth displacement functions from the straight line between their
     values, at points, shape (N, 3).
 
-    The machine contains this difference, and tables that are straight between the values do not.
+    The machine has this difference; tables that are straight between the values do not correct it.
     """
     known = {name: result.errors[name] for name in DISPLACEMENTS if name in result.errors}
     parts = []
@@ -240,8 +242,9 @@ def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vec
     """Return the error along a straight body diagonal (ISO 230-6) at distances (N,) from the corner
     where it starts.
 
-    In um, less the error at the first distance, shape (N,). No result used this error: it serves as
-    a check. Raises UsageError for an invalid diagonal, or distances that leave the measured volume.
+    In um, less the error at the first distance, shape (N,). The solver does not use this error, so
+    it can serve as a check. Raises UsageError for an invalid diagonal, or distances that leave the
+    measured volume.
     """
     if diagonal not in BODY_DIAGONALS:
         raise UsageError(
@@ -267,8 +270,9 @@ def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vec
 
 
 def from_first(values: Vector, nodes: Vector, *, shape: bool) -> Vector:
-    """Return a function relative to its first node; ``shape`` removes the line through the end
-    points."""
+    """Return a function relative to its value at the first node; with ``shape`` the line through
+    the end points is removed.
+    """
     line = (values[-1] - values[0]) * (nodes - nodes[0]) / (nodes[-1] - nodes[0])
     rest: Vector = values - values[0] - (line if shape else 0.0)
     return rest

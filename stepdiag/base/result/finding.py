@@ -1,4 +1,4 @@
-"""A finding as a result's JSON holds it."""
+"""A finding in the form of a result's JSON."""
 
 from typing import get_args
 
@@ -24,7 +24,7 @@ _NAMES = (
 
 
 def parse_finding(node: Node) -> Finding:
-    """Return a finding of a result. Raises ``DataError`` that names the field."""
+    """Return a finding from the JSON of a result. Raises ``DataError`` that names the field."""
     node.only(_NAMES)
     severity = node.text("severity")
     if severity not in ("info", "warning", "error"):

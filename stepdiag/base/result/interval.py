@@ -1,4 +1,4 @@
-"""A predicted figure as an interval (k = 2), and its only notation for readers."""
+"""A predicted figure as an interval (k = 2), and the notation in which people read it."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from stepdiag.base.messages import Message, message
 from stepdiag.base.result.typed import Maybe, Named
 
 When = Literal["before", "after"]
-"""Before and after compensation."""
+"""The state of the machine to which a figure belongs: before or after compensation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,8 +26,8 @@ class Interval:
     within: Maybe[float] = None
 
     def shown(self) -> tuple[str, str]:
-        """Return low and high in the common notation, rounded outwards so that rounding never
-        promises more; empty where unknown.
+        """Return the lower and the upper limit of the interval in the common notation, rounded
+        outwards so that rounding never promises more; empty texts without a known uncertainty.
         """
         if self.low_um is None or self.high_um is None:
             return "", ""
@@ -38,11 +38,11 @@ class Interval:
         return f"{low:.{decimals}f}", f"{high:.{decimals}f}"
 
     def best(self) -> str:
-        """Return the value alone in the common notation."""
+        """Return the value of the figure, without limits, in the common notation."""
         return f"{self.value_um:.{decimals_of(self.value_um)}f}"
 
     def words(self) -> Message:
-        """Return the interval, or the value alone without a known uncertainty."""
+        """Return the interval as a message; without a known uncertainty only the value."""
         low, high = self.shown()
         return (
             message("interval", low=low, high=high)
@@ -51,7 +51,9 @@ class Interval:
         )
 
     def bound(self) -> Message:
-        """Return the upper limit of a largest vector: a lower limit would be no promise."""
+        """Return the upper limit of the largest error vector as a message: a lower limit would be
+        no promise.
+        """
         high = self.shown()[1]
         return message("up-to", high=high) if high else self.words()
 
@@ -66,18 +68,22 @@ class FieldFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Predicted:
-    """The figures before and after, with and without the rigid motion of the whole volume."""
+    """The predicted figures of the volume before and after compensation, with and without the rigid
+    motion of the whole volume.
+    """
 
     without_rigid_motion: dict[When, FieldFigures]
     as_it_is: dict[When, FieldFigures]
 
     def parts(self) -> dict[str, dict[When, FieldFigures]]:
-        """Return both by their names as a person reads them."""
+        """Return the figures without and with rigid motion, by the names that a person reads."""
         return {"without rigid motion": self.without_rigid_motion, "as it is": self.as_it_is}
 
 
 def decimals_of(um: float) -> int:
-    """Return the number of decimals of a figure in um: two digits, a tenth at the finest."""
+    """Return the number of decimals in which a figure in um is shown: two digits, a tenth at the
+    finest.
+    """
     return 0 if abs(um) >= 9.95 else 1
 
 
@@ -91,8 +97,8 @@ def decimals_of_u(expanded: float) -> int:
 
 
 def with_expanded(value: float, expanded: float, *, sign: str = "-") -> str:
-    """Return a value with its U (k = 2) in the common notation; ``sign`` as in a format, "+" shows
-    that of a positive value.
+    """Return a value with its U (k = 2) in the common notation; with ``sign`` "+", a positive value
+    is shown with its sign.
     """
     decimals = decimals_of_u(expanded)
     return f"{value:{sign}.{decimals}f} ± {expanded:.{decimals}f}"

@@ -53,15 +53,15 @@ def _encodable(value: Any) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A value in the document and its place. Every reader raises ``DataError`` with this place for
-    an unexpected value.
+    """A value in a JSON document, and its path. Every reading method raises ``DataError`` with this
+    path for an unexpected value.
     """
 
     value: Any
     source: str
     path: str
     strict: bool = False
-    """Whether an unknown name is refused as well."""
+    """Whether the members with an unknown name are refused."""
 
     def refuse(self, expected: Words) -> NoReturn:
         raise DataError(
@@ -88,7 +88,7 @@ class Node:
         return Node(inside[name], self.source, path, self.strict)
 
     def only(self, names: Iterable[str]) -> None:
-        """Refuse an unknown name if the node is strict."""
+        """Refuse the members with an unknown name if the node is strict."""
         known = list(names)
         unknown = next((name for name in self.mapping() if name not in known), None)
         if self.strict and unknown is not None:

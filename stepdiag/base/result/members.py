@@ -16,9 +16,9 @@ Axis = Literal["X", "Y", "Z"]
 Lengths = Literal["as_measured", "at_20_c"]
 OptionalText = Annotated[str, OPTIONAL]
 Verdict = Literal["conform", "not_conform", "not_decidable"]
-"""A verdict by ISO 14253-1."""
+"""A verdict by ISO 14253-1 about a figure or a machine."""
 Range = tuple[float, float]
-"""Least and largest value."""
+"""Least and largest value of a sensor."""
 Triple = tuple[float, float, float]
 
 
@@ -31,7 +31,7 @@ class Software:
 
 
 def software() -> Software:
-    """Return the name and version that results carry."""
+    """Return name and version of this program, as written into results."""
     return Software(name="stepdiag", version=version("stepdiag"))
 
 
@@ -67,7 +67,7 @@ class Facts:
     state is empty.
 
     ``compensation`` during the measurement is None if the survey leaves the question open;
-    ``active_files`` were active if it was on.
+    ``active_files`` are the files that were active if the compensation was on.
     """
 
     machine: str = ""
@@ -106,7 +106,7 @@ class AssumedConditions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """Least and largest value of each sensor over the stops used."""
+    """Least and largest value of each sensor of air and material, over the stops used."""
 
     air_temperature_c: Maybe[Range] = None
     air_pressure_hpa: Maybe[Range] = None
@@ -135,8 +135,8 @@ class Judged:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conformity:
-    """Every figure with a tolerance, as found; and the figures of the volume predicted after an
-    ideal compensation.
+    """The conformity of a machine: the verdict on every figure with a tolerance, as found; and on
+    the figures of the volume predicted after an ideal compensation.
     """
 
     as_found: tuple[Judged, ...]
@@ -160,7 +160,9 @@ class Fit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Length:
-    """A length in um with its combined standard uncertainty; the closed forms state none."""
+    """A length in um with its combined standard uncertainty; without u in results of the closed
+    forms.
+    """
 
     value: float
     u: float | None = None
@@ -178,7 +180,7 @@ class Backlash:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Backlashes:
-    """The backlash by axis, None where the data do not identify it."""
+    """The mean backlash by axis, None where the data do not identify it."""
 
     X: Maybe[Backlash] = None
     Y: Maybe[Backlash] = None
@@ -187,8 +189,8 @@ class Backlashes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LengthScale:
-    """The scale of an axis at a temperature with its combined standard uncertainty; both None if
-    not identified.
+    """The scale of an axis at one temperature, with its combined standard uncertainty; value and u
+    are None if the data do not identify the scale.
     """
 
     value: float | None
@@ -198,8 +200,8 @@ class LengthScale:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LengthsReport:
-    """The lengths that the tables correct, and the scales at both temperatures. ``material_c`` is
-    the temperature of each axis, None without a measurement.
+    """The lengths that the tables correct (as measured, or at 20 C), and the scales of both
+    lengths. ``material_c`` is the temperature of each axis, None without a measurement.
     """
 
     tables: Lengths
@@ -221,9 +223,9 @@ class Tool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenSlip:
-    """A slip of the count: sizes that are noticed in half of the surveys and in 95 % of them, and
-    the effect of the first on the volume (rms), in um; None where a slip of any size goes
-    unnoticed.
+    """A slip of the laser's count, in um. ``half_um``: the size that is noticed in half of all
+    surveys; ``nearly_um``: in 95 % of them. ``volume_um``: the effect of a slip of ``half_um`` on
+    the volume (rms). None where a slip of any size stays unnoticed.
 
     ``passes``: the passes in which a slip that is noticed in half of the surveys has a larger
     effect on the volume than the noise of the readings, ``readings_um`` (k = 1).
@@ -254,13 +256,13 @@ class UnseenSlips:
     runs: Maybe[UnseenSlip] = None
 
     def __iter__(self) -> Iterator[UnseenSlip]:
-        """Yield the slips present."""
+        """Yield the slips that are not None."""
         return (one for one in (self.diagonals, self.runs) if one is not None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Closure:
-    """The closure residual ppp - npp - pnp - ppn by axis, node by node, in um."""
+    """The closure residual ppp - npp - pnp - ppn by axis, at each node, in um."""
 
     x: tuple[float, ...]
     y: tuple[float, ...]
@@ -275,8 +277,9 @@ class Closure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumed:
-    """The assumed sizes on which U rests (`solver.model.assumptions.Assumptions`; relative ones in
-    ppm); None: the result states none."""
+    """The assumed sizes on which U rests (`solver.model.assumptions.Assumptions`). Relative sizes
+    are in ppm; None if the result does not state the size.
+    """
 
     angles_urad: float | None = None
     angle_urad: dict[str, float] | None = None
@@ -303,7 +306,9 @@ class Assumed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """The head's straightness minus that of the diagonals, both relative to their line, in um."""
+    """The straightness measured by the head minus that of the diagonals, both relative to their
+    end-point line, in um.
+    """
 
     position_mm: tuple[float, ...]
     value: tuple[float, ...]
@@ -328,9 +333,9 @@ class HeadStraightness:
 
 
 VOLUME = "volume"
-"""The quantity of the budget that stands for the error vector over the volume."""
+"""The quantity of the uncertainty budget that represents the error vector over the volume."""
 READINGS, BETWEEN_TARGETS, NOT_MEASURED = "readings", "between the targets", "not measured"
-"""Sources of the budget beside the effects of the adjustment."""
+"""Sources of the uncertainty budget that are not effects of the adjustment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -353,11 +358,11 @@ class CoverageFactor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StandardFigures:
-    """The figures of a standard for a setup, or for a set of diagonals (``_d``), in um, in the
-    symbols of the standard.
+    """The figures of a standard for a setup, or for a set of diagonals (``_d``), in um. The fields
+    have the symbols of the standard.
 
-    A figure is None if the runs do not give it or the standard lacks it. ``U`` holds expanded
-    uncertainties (k = 2) by figure.
+    A figure is None if the runs do not give the figure, or the standard does not define it. ``U``
+    holds expanded uncertainties (k = 2) by figure.
     """
 
     standard: str
@@ -392,8 +397,8 @@ class StandardFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawn:
-    """The standard deviation of drawn surveys, for comparison with the stated one; for a single
-    number also the shortest 95 % interval.
+    """The standard deviation of a quantity over drawn surveys, for comparison with the stated u;
+    for a single number also the shortest 95 % interval.
     """
 
     u: float
@@ -404,7 +409,9 @@ class Drawn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MonteCarlo:
-    """Number of surveys drawn (JCGM 101), and the scatter of each function or number over them."""
+    """Number of surveys drawn (JCGM 101), and the scatter of each function or number over the drawn
+    surveys.
+    """
 
     trials: int
     quantities: Annotated[dict[str, Drawn], BESIDE]
@@ -412,7 +419,9 @@ class MonteCarlo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """The drift of the count over an out-and-back pair of passes, with its standard uncertainty."""
+    """The drift of the laser's count over an out-and-back pair of passes, with the standard
+    uncertainty of the drift.
+    """
 
     pair: int
     rate: float

@@ -4,8 +4,8 @@ one standard deviation each.
     machine = result + offset + sum_k z_k mode_k + rest * z,    all z normal(0, 1)
 
 A mode is a whole machine: functions and squarenesses that change together because of a common
-cause. A deviation too small or too isolated for a mode is in ``rest``: values that vary
-independently. Every figure of the volume is computed from these deviations.
+cause. ``rest`` holds the small or isolated deviations: values that vary independently. Every figure
+of the volume is computed from these deviations.
 
 The last modes belong to causes of unknown size. Several sizes are equally likely; at each of them
 the amount of such a mode is ``shift + scale z`` instead of z, with a mean square of one over all
@@ -30,15 +30,16 @@ NAMES = frozenset(
         "A0Z",
     )
 )
-"""The quantities that differ from the result: functions and squarenesses (ISO 230-1)."""
+"""The quantities with possible differences from the result: functions and squarenesses (ISO 230-1).
+"""
 POSTERIOR_DECIMALS = 4
-"""Number of decimals in the file."""
+"""Number of decimals of the posterior in the result's file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UnknownSize:
-    """Factor of the last modes at each of the equally likely sizes: ``scale`` and ``shift``, shapes
-    (sizes, modes).
+    """Factors for the amounts of the last modes at each of the equally likely sizes: ``scale`` and
+    ``shift``, shapes (sizes, modes).
     """
 
     scale: Vector
@@ -46,17 +47,17 @@ class UnknownSize:
 
     @classmethod
     def nothing(cls) -> "UnknownSize":
-        """Return a table in which no mode depends on a size."""
+        """Return factors with which no mode depends on a size."""
         return cls(scale=np.ones((1, 0)), shift=np.zeros((1, 0)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Posterior:
-    """``position_mm`` by axis letter, shapes (k,); ``offset`` (k,), ``modes`` (modes, k) and
-    ``rest`` (k,) by function (um, urad) and squareness (urad, k = 1), absent where no value is
-    uncertain. ``between_um``: equally likely sizes, shapes (sizes,), of a function's departure from
-    the straight line in the middle between two targets. ``sized`` is the dependence of the last
-    modes on an unknown size.
+    """Possible differences of the machine from a result. ``position_mm``: the nodes by axis letter,
+    shapes (k,). ``offset`` (k,), ``modes`` (modes, k) and ``rest`` (k,) by function (um, urad) and
+    by squareness (urad, k = 1), without entries where no value is uncertain. ``between_um``: by
+    function, equally likely sizes, shapes (sizes,), of the departure from the straight line in the
+    middle between two targets. ``sized`` is the dependence of the last modes on an unknown size.
     """
 
     position_mm: Mapping[str, Vector]
@@ -68,7 +69,8 @@ class Posterior:
 
     def drawn(self, draws: int) -> Vector:
         """Return amounts of the `deviations` for machines drawn from the posterior, shape (draws,
-        deviations); always the same ones."""
+        deviations). The draws are the same in every call.
+        """
         z = np.random.default_rng(0).standard_normal(
             (draws, self.count + sum(len(values) for values in self.rest.values()))
         )
@@ -83,8 +85,8 @@ class Posterior:
         return max((len(values) for values in self.modes.values()), default=0)
 
     def deviations(self) -> dict[str, Vector]:
-        """Return offset, modes and each value of the rest as deviations by name, shape (1 + modes +
-        values of the rest, k).
+        """Return the possible deviations by quantity, shape (1 + modes + values of the rest, k):
+        the offset, each mode, each value of the rest.
         """
         names = dict.fromkeys((*self.offset, *self.modes, *self.rest))
         modes = self.count
@@ -106,8 +108,8 @@ class Posterior:
         return found
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON form; numbers that are negligible relative to the largest of their row
-        are rounded accordingly.
+        """Return the JSON form of the posterior; numbers that are small relative to the largest
+        number of their row have fewer digits.
         """
         return {
             "position_mm": dict(self.position_mm),
@@ -181,7 +183,9 @@ def parse_posterior(root: Node) -> Posterior:
 
 
 def _parse_between(node: Node) -> Vector:
-    """Return the sizes; older results of this version contain only one."""
+    """Return the equally likely sizes of each function's departure between targets; an older result
+    of this version contains a single size.
+    """
     if not node.strict and isinstance(node.value, int | float):
         return np.array([node.number()])
     sizes = node.numbers()

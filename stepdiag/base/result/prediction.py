@@ -2,8 +2,9 @@
 intervals.
 
 Machines are drawn from the posterior of the result, and each is measured over the points as in an
-independent check. The interval covers 97 % of them: all but the share beyond k = 2 above, and a
-smaller share below (`BELOW`). Verify, report, page, compare and plan use the same draws.
+independent check. The interval covers 97 % of the drawn machines: all but the share beyond k = 2 at
+the upper end (`TAIL`) and a smaller share at the lower end (`BELOW`). Verify, report, page, compare
+and plan use the same draws.
 """
 
 from collections.abc import Mapping
@@ -29,14 +30,16 @@ DRAWS, FOR_LARGEST = 2000, 250
 VOLUMETRIC_RMS, VOLUMETRIC_LARGEST = "volumetric_rms_um", "volumetric_largest_um"
 """Names of the tolerances of the root mean square and of the largest error (`Result.tolerance`)."""
 TAIL = 0.02275
-"""Probability beyond k = 2 on either side."""
+"""Probability of a normal value beyond k = 2, on one side."""
 BELOW = 0.005
 """Probability below the lower end of the interval of the volume: assumed errors (drift, warmth,
-air) are drawn with their stated or estimated size, and a good machine has none of them. One in
-eight of such machines was better than the lower end of an interval with k = 2 on both sides.
+air) are drawn with their stated or estimated size, and a good machine has none of them. With k = 2
+on both sides, one in eight of such good machines was better than the lower end of the interval.
 """
 BETWEEN_SHARE = 8.0 / 15.0
-"""Mean square of an arch (a parabola between two targets) over its largest square."""
+"""Mean square of an arch (a parabola between two targets), divided by the square of its largest
+height.
+"""
 
 
 def predicted(
@@ -46,7 +49,7 @@ def predicted(
     ``correction_um`` (N, 3) is applied.
 
     ``beside_um`` (N, 3) is a known error that was present during the measurement and is not in the
-    result: steps between its targets.
+    result, such as steps between the targets.
     """
     motions = rigid_motions(result.volume, points_mm)
     return _predicted(
@@ -88,7 +91,7 @@ def _predicted(
         ("without_rigid_motion", motions, moved_um2 - rigid_um2, tolerance),
     ):
         fields = machines.drawn(correction_um, free)
-        # this is equal before and after: only the drawn fields differ
+        # the uncertainty is equal before and after: only the drawn fields differ
         beside_um = machines.beside_um(fields["before"], waves_um)
         parts[name] = {
             when: machines.figures(drawn, square_um2, beside_um, allowed)
@@ -101,7 +104,7 @@ def interval_of(drawn: Vector, known: bool, most: float | None = None) -> Interv
     """Return the median of draws and the interval that holds all but `BELOW` of them on the lower
     side and `TAIL` on the upper.
 
-    ``most`` is a tolerance: the share of draws within it is returned too.
+    With a tolerance ``most``, the interval also holds the share of draws up to the tolerance.
     """
     low, value, high = (float(end) for end in np.quantile(drawn, (BELOW, 0.5, 1.0 - TAIL)))
     if not known:
@@ -126,8 +129,8 @@ class ErrorAt(NamedTuple):
 def errors_at(result: Result, points_mm: Vector) -> ErrorAt:
     """Return the error of the tool at points (N, 3), rigid motion not removed.
 
-    ``u_um`` is the root mean square of all possible differences by the posterior: its offset, its
-    modes with a mean square of one, the independent values, and the deviations between two targets.
+    ``u_um`` is the root mean square of all possible differences by the posterior: offset, modes
+    (amounts with a mean square of one), independent values, and deviations between two targets.
     """
     error_um = error_field_um(result, points_mm)
     if result.posterior is None:
@@ -149,7 +152,7 @@ def squares_um2(
 ) -> tuple[Vector, Vector]:
     """Return the squared length of the error vector at the points for each of `FOR_LARGEST` draws,
     rigid motion removed, before and after a correction, shapes (draws, N); arguments as in
-    `predicted`. One draw where the result has no posterior.
+    `predicted`. A result without a posterior gives a single draw.
     """
     machines = _machines(result, points_mm, beside_um, FOR_LARGEST)
     drawn = machines.drawn(correction_um, rigid_motions(result.volume, points_mm))
@@ -161,9 +164,9 @@ def squares_um2(
 
 
 class _Drawn(NamedTuple):
-    """The error field of drawn machines as rows (deviations, 3 N), times the amounts of each;
-    ``likely`` (3 N,) is the centre of the draws without its noise. The square sum over all points
-    of ``whole`` is too large by ``over_um2`` (draws,).
+    """The error fields of drawn machines: ``whole`` (deviations, 3 N) is to be multiplied by the
+    amounts of each machine. ``likely`` (3 N,) is the centre of the draws without its noise. The
+    square sum of a drawn field over all points is too large by ``over_um2`` (draws,).
     """
 
     whole: Vector
@@ -172,9 +175,10 @@ class _Drawn(NamedTuple):
 
 
 class _Machines(NamedTuple):
-    """Drawn machines: the estimated field at the points ``before``, the effect of each deviation
-    there and the ``amount`` of each (draws, deviations), the deviations between the targets, and
-    the part of the field that is noise of the estimate (`_adjusted_um`).
+    """Drawn machines. ``before``: the estimated error field at the points. ``moved``: the effect of
+    each deviation of the posterior at the points. ``amount`` (draws, deviations): the drawn amounts
+    of the deviations. ``between``: the deviations between the targets. ``noise``: the part of the
+    field that is noise of the estimate (`_adjusted_um`).
     """
 
     before: Vector
@@ -187,8 +191,9 @@ class _Machines(NamedTuple):
     known: bool
 
     def drawn(self, correction_um: Vector, motions: Vector | None) -> dict[When, _Drawn]:
-        """Return the fields before and after a correction (N, 3), less rigid motion where its basis
-        is given."""
+        """Return the drawn error fields before and after a correction (N, 3), less their rigid
+        motion where the basis ``motions`` is given.
+        """
         flat, found = _flat(self.moved, motions), _flat(self.before[None], motions)
         square_um2 = max(float(np.sum(found**2)), 1e-30)
         bending = _flat(self.bent, motions)
@@ -202,8 +207,8 @@ class _Machines(NamedTuple):
         }
         for when, change in changes.items():
             field = found + change
-            # with the error that tables remove, its noise is removed too; the effect of noise on
-            # the curve between the values stays in both
+            # tables remove the estimated error together with its noise; the effect of noise on the
+            # curve between the values stays in both fields
             over_um2 = common_um2 * float(
                 np.clip(np.sum(found * field) / square_um2, 0.0, 1.0)
             )
@@ -215,7 +220,7 @@ class _Machines(NamedTuple):
 
     def moved_um2(self, motions: Vector) -> tuple[Vector, Vector]:
         """Return, for all deviations but the offset, the square sum of their effect over all
-        points, and that of its rigid motions, (draws,) each.
+        points, (draws,), and the square sum of the rigid motions in this effect, (draws,).
 
         The sums are the same before and after a correction.
         """
@@ -239,8 +244,9 @@ class _Machines(NamedTuple):
         beside_um: Vector,
         tolerance: Mapping[str, float],
     ) -> FieldFigures:
-        """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of the
-        effect of all deviations but the offset, ``beside_um`` as in `beside_um`.
+        """Return the figures of the whole volume. ``moved_um2`` (draws,) is the square sum of the
+        effect of all deviations but the offset; ``beside_um`` is the value of the method
+        `beside_um`.
         """
         rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)
         largest_um = _largest_um(drawn.likely, beside_um)
@@ -251,10 +257,10 @@ class _Machines(NamedTuple):
 
     def squares_um2(self, drawn: _Drawn) -> Vector:
         """Return the squared length of the error vector at each point, shape (draws, N), whose mean
-        over all points is that of `figures`.
+        over all points agrees with `figures`.
 
-        No figure of the volume gives the points of the noise or of the arches between the targets:
-        each point counts with its share of the square.
+        The correction for noise and for the arches between the targets is known only for the whole
+        volume. It is distributed over the points in proportion to their squared error.
         """
         fields = (self.amount @ drawn.whole).reshape(len(self.amount), -1, 3)
         square: Vector = np.sum(fields**2 + self.between.square_um(slice(None)), axis=2)
@@ -268,8 +274,8 @@ class _Machines(NamedTuple):
 def _machines(
     result: Result, points_mm: Vector, beside_um: Vector | float, draws: int
 ) -> _Machines:
-    """Return ``draws`` machines of the posterior; without a posterior a single machine, as
-    found.
+    """Return ``draws`` machines drawn from the posterior; without a posterior a single machine with
+    the errors as found.
     """
     posterior = result.posterior
     before = error_field_um(result, points_mm) + beside_um
@@ -312,8 +318,8 @@ def _adjusted_um(
     determine without a prior: along straight lines between the values, plus the addition of the
     smooth curve through them.
 
-    Angular functions are expected or given values, and this part does not contain them. Nor does it
-    contain an unidentified quantity, which has no estimate.
+    This part contains no angular functions, which are expected or given values, and no unidentified
+    quantity, which has no estimate.
     """
     none = np.zeros((1, len(points_mm), 3))
     if posterior is None:
@@ -348,7 +354,7 @@ def _adjusted_um(
 
 
 def _together(amount: Vector) -> Vector:
-    """Return the covariance of drawn amounts of the deviations without the offset."""
+    """Return the covariance of the drawn amounts of all deviations but the offset."""
     drawn = amount[:, 1:] - np.mean(amount[:, 1:], axis=0)
     found: Vector = drawn.T @ drawn / len(drawn)
     return found
@@ -359,9 +365,9 @@ def _common_um2(moved: Vector, noise: Vector, together: Vector) -> float:
     error and the error of the part determined without a prior.
 
     The estimate of that part contains its noise: its square sum is that of machine and noise, and
-    draws around it contain the noise once more. The machine's square sum is therefore smaller than
-    theirs by twice this covariance (the bias of Stein 1956, subtracted). ``noise`` and ``moved``
-    are rows of deviations, ``together`` is the covariance of their amounts.
+    draws around the estimate contain the noise once more. The machine's square sum is therefore
+    smaller than that of the draws by twice this covariance (the bias of Stein 1956, subtracted).
+    ``noise`` and ``moved`` are rows of deviations, ``together`` is the covariance of their amounts.
     """
     return (
         max(float(np.sum((together @ noise[1:]) * moved[1:])), 0.0) if len(noise) > 1 else 0.0
@@ -369,7 +375,9 @@ def _common_um2(moved: Vector, noise: Vector, together: Vector) -> float:
 
 
 def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
-    """Return fields (k, N, 3) as rows (k, 3 N), less the rigid motion where its basis is given."""
+    """Return fields (k, N, 3) as rows (k, 3 N), less their rigid motion where the basis ``motions``
+    is given.
+    """
     flat = fields_um.reshape(len(fields_um), -1)
     return flat if motions is None else flat - (flat @ motions) @ motions.T
 
@@ -378,8 +386,8 @@ def _rms_um(drawn: _Drawn, amount: Vector, between: Between, moved_um2: Vector) 
     """Return the root mean square of the error vector of every draw, shape (draws,): a quadratic
     form of the amounts.
 
-    ``moved_um2`` (draws,) is its part of second order in the amounts, computed once for all fields.
-    Deviations between the targets add their mean square.
+    ``moved_um2`` (draws,) is the part of second order in the amounts, computed once for all fields.
+    The mean square of the deviations between the targets is added.
     """
     centre, moved = drawn.whole[0], drawn.whole[1:]
     square = moved_um2 + 2.0 * (amount[:, 1:] @ (moved @ centre)) + centre @ centre
@@ -399,15 +407,15 @@ def _largest_um(likely_um: Vector, beside_um: Vector) -> Vector:
 
 
 def _volumetric_u_um(posterior: Posterior, fields_um: Vector, motions: Vector) -> float:
-    """Return the figure of `predicted_with_u` from the effect of each deviation on the error at the
-    points, (deviations, N, 3).
+    """Return the uncertainty figure of `predicted_with_u` from the effect of each deviation on the
+    error at the points, (deviations, N, 3).
     """
     moved = _flat(fields_um, motions)
     between = sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())
     sized = posterior.sized
     own = moved[1 + posterior.count - sized.scale.shape[1] : 1 + posterior.count]
-    # the common effect of the modes of unknown size at one size beside the effect of each mode
-    # alone
+    # at each equally likely size, the common effect of the modes of unknown size is added to the
+    # effects of the single modes
     together = np.sum((sized.shift @ own) ** 2) / len(sized.shift) - np.sum(
         np.mean(sized.shift**2, axis=0) @ own**2
     )

@@ -48,8 +48,9 @@ from stepdiag.base.volume import MOST_INCREMENTS, POSITION_TOLERANCE_MM, Vector,
 FORMAT = "stepdiag-result"
 FORMAT_VERSION = 3
 READABLE_VERSIONS = (1, 2, 3)
-"""In version 1 ``u`` is only the part of the readings, and there is no posterior. In versions 1 and
-2 an unknown or damaged member is left out; version 3 refuses it.
+"""The versions of the result's format that can be read. In version 1 ``u`` is only the part of the
+readings, and there is no posterior. In versions 1 and 2 an unknown or damaged member is left out;
+in version 3 it is refused.
 """
 
 DISPLACEMENTS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "XYZ")
@@ -58,24 +59,27 @@ POSITIONING = ("EXX", "EYY", "EZZ")
 SQUARENESS = ("C0Y", "B0Z", "A0Z")
 AXIS_LETTERS = tuple(axis.upper() for axis in AXES)
 _MOST_PASSES = 1000
-"""Largest number of passes of a setup that states only their number."""
+"""Largest number of passes of a setup in a result that states only their number."""
 _NUMBERS = re.compile(r"\[\n\s+-?\d[-+.,\dEe\s]*\]")
-"""A list of numbers on one line."""
+"""Pattern of a list of numbers that the file holds on one line."""
 _NUMBER = ("value", "u", "u_readings")
 DECIMALS = 6
-"""Number of decimals in the file: a picometre, a picoradian, a nanometre of position."""
+"""Number of decimals of values in the result's file: a picometre, a picoradian, a nanometre of
+position.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Function:
-    """An error as a function of the position of the axis that moves, shapes (k,), linear between
-    the positions.
+    """An error as a function of the position of the moving axis, shapes (k,), linear between the
+    positions.
 
     ``value`` and ``u`` (combined standard uncertainty) are None where the data do not identify the
     function; ``u_readings`` is the part of u that comes from the readings alone, None in results of
-    version 1. ``slope_identified`` is False where only the shape is known: then the line through
-    the end points is removed, and nothing is stated about the slope. Straightness (unit um, names
-    as EYX) always has its end-point line removed and holds True: its slope is in the squareness.
+    version 1. ``slope_identified`` is False where only the shape of the function is known: the line
+    through the end points is then removed, and the slope is unknown. A straightness function (unit
+    um, names as EYX) always has its end-point line removed and ``slope_identified`` True: its slope
+    is in the squareness.
     """
 
     position_mm: Vector
@@ -88,8 +92,9 @@ class Function:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """A number with its combined standard uncertainty; both None where the data do not identify it.
-    ``u_readings`` as in `Function`."""
+    """A number (a squareness, a scale) with its combined standard uncertainty; both None where the
+    data do not identify the number. ``u_readings`` as in `Function`.
+    """
 
     value: float | None
     u: float | None
@@ -115,13 +120,14 @@ class Result:
     """The measured state of a machine.
 
     ``errors`` holds the mean of both directions by ISO 230-1 name (EXX .. EZZ in um; EAX .. ECZ in
-    urad where known), ``expected`` the angular functions that were not measured, with their likely
-    values by the closure of the readings: not measured values, but the displacement functions
-    estimated with them depend on them. ``posterior`` holds the possible differences between the
-    machine and these values. ``reversal`` the difference approach in + minus approach in - of the
-    same functions, zero at the first position, where out-and-back data give it. ``setups`` holds
-    the state of each setup (mirror tilt, drift, repeatability). Members from ``survey`` on are None
-    in a result without them. ``source`` names the result in messages and is not written.
+    urad where known), ``expected`` holds the angular functions that were not measured, with their
+    likely values by the closure of the readings; the displacement functions are estimated with
+    these values. ``posterior`` holds the possible differences between the machine and the values in
+    ``errors`` and ``expected``. ``reversal`` holds the difference approach in + minus approach in -
+    of the functions in ``errors``, zero at the first position, where out-and-back data give it.
+    ``setups`` holds the state of each setup (mirror tilt, drift, repeatability). The members from
+    ``survey`` on are optional, and None where a result does not contain them. ``source`` names the
+    result in messages and is not written.
     """
 
     volume: Volume
@@ -139,15 +145,15 @@ class Result:
     survey: Facts | None = None
     conditions: Conditions | None = None
     history: tuple[Finding, ...] | None = None
-    """Past events of the recording, without effect now."""
+    """Findings about past events of the recording that have no effect now."""
     volumetric_u_um: float | None = None
     """Standard uncertainty of the error vector over the volume (rms)."""
     predicted: Predicted | None = None
-    """The error of the volume as it stands, and after an ideal compensation."""
+    """The predicted error of the volume, before and after an ideal compensation."""
     fit: Fit | None = None
     scale_sum_um: Length | None = None
     scale_misclosure_um: Length | None = None
-    """Length of a body diagonal by the diagonals minus that by the linear runs."""
+    """Length of a body diagonal by the diagonals minus its length by the linear runs, in um."""
     backlash: Backlashes | None = None
     unseen_slip: UnseenSlips | None = None
     closure_um: Closure | None = None
@@ -157,13 +163,13 @@ class Result:
     head_straightness: dict[str, HeadStraightness] | None = None
     budget: Budget | None = None
     coverage: dict[str, CoverageFactor] | None = None
-    """Factors for 95 % by function or number, where the factor differs from about 2."""
+    """Coverage factors for 95 % by function or number, where the factor differs from about 2."""
     standards: dict[str, tuple[StandardFigures, ...]] | None = None
     monte_carlo: MonteCarlo | None = None
     sources: tuple[Source, ...] | None = None
-    """The sources of the solution."""
+    """The files from which the result was solved."""
     tolerance: dict[str, float] | None = None
-    """The largest magnitudes allowed, by quantity (`base.conformity`)."""
+    """The tolerances by quantity: the largest magnitudes allowed (`base.conformity`)."""
     conformity: Conformity | None = None
     source: str = "result"
 
@@ -178,9 +184,9 @@ class Result:
         """Return the error vector at a point of the machine and its expanded uncertainty U (k = 2),
         shapes (3,) in um.
 
-        Relative to the low corner of the volume (`base.result.prediction.errors_at`). U is None
-        where the result has no posterior. Raises UsageError for a point outside of the measured
-        volume: the functions end there.
+        The error is relative to the low corner of the volume (`base.result.prediction.errors_at`).
+        U is None where the result has no posterior. Raises UsageError for a point outside the
+        measured volume, where no function has a value.
         """
         from stepdiag.base.result.prediction import errors_at
 
@@ -295,7 +301,7 @@ _ENTRIES = (
     "findings",
     "posterior",
 )
-"""The further entries of the JSON."""
+"""The members of a result's JSON besides the optional members, by their names."""
 
 
 def same_result(one: bytes, other: bytes) -> bool:
@@ -341,8 +347,8 @@ def _function_json(function: Function) -> dict[str, Any]:
 
 
 def _rounded(value: Any) -> Any:
-    """Return JSON types with every float rounded."""
-    if type(value) is float:  # nearly all values have this type
+    """Return JSON types with every float in them rounded."""
+    if type(value) is float:  # nearly all values are floats
         return steady(value, DECIMALS)
     if isinstance(value, Mapping):
         return {str(key): _rounded(item) for key, item in value.items()}
@@ -358,7 +364,8 @@ def _rounded(value: Any) -> Any:
 
 
 def result_in(path: Path, source: str = "") -> Result:
-    """Return the result in a file; error messages name it ``source`` (the file's name if empty).
+    """Return the result in a file; error messages name the result ``source`` (if empty, the name of
+    the file).
 
     Raises UsageError or DataError for a file that is missing, altered or not a result.
     """
@@ -416,8 +423,8 @@ def parse_result(text: str, source: str = "result.json") -> Result:
 
 
 def _as_now(document: dict[str, Any]) -> dict[str, Any]:
-    """Return a document of version 1 or 2 in the form of version 3: the closed forms counted
-    passes, and stated a sum without u.
+    """Return a document of version 1 or 2 in the form of version 3: results of the closed forms
+    contained numbers of passes, and a sum of scales without u.
     """
     setups, total = document.get("setups"), document.get("scale_sum_um")
     if isinstance(setups, dict):

@@ -1,22 +1,24 @@
-"""Rounding for files that must hold the same bytes wherever they are made."""
+"""Rounding for files that must have the same bytes on every computer."""
 
 from collections.abc import Mapping
 from typing import Any
 
 ANOTHER_PROCESSOR = 1e-4
-"""Tolerance in um and urad: a tenth of a nanometre, below every measurement and every control's
-resolution.
+"""Difference in um and urad below which two results count as equal: a tenth of a nanometre, below
+every measurement and every control's resolution.
 """
 _SLACK = 3
-"""Number of further decimals at which the last bits of a sum are rounded away first."""
+"""Number of further decimals to which a number is rounded first, to remove the last bits of a sum.
+"""
 
 
 def steady(value: float, decimals: int) -> float:
     """Return ``value`` rounded to ``decimals``, never a negative zero; a tie is rounded in the same
     direction on every processor.
 
-    Numbers computed from a few exact numbers are often ties (the middle of two nodes). The last
-    bits of a sum, which differ between processors, would decide their rounding.
+    Numbers computed from a few exact numbers are often ties (the middle of two nodes). Without the
+    first rounding, the last bits of a sum would decide the rounding of a tie, and they differ
+    between processors.
     """
     return round(round(value, decimals + _SLACK), decimals) + 0.0
 
@@ -27,7 +29,7 @@ def same_but_for_rounding(one: Any, other: Any, decimals: int) -> bool:
 
     The kernels of numpy's products change the last bits of a number. Readings that hardly separate
     two unknowns amplify this change, and near the limit between two roundings it changes the
-    rounded number: no rounding excludes this.
+    rounded number: no rounding prevents this.
     """
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         return list(one) == list(other) and all(

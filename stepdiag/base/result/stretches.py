@@ -16,17 +16,18 @@ from stepdiag.base.volume import Vector, Volume
 
 MOST_CELLS, MOST_STRETCHES = 10, 10
 FEWEST = 8
-"""Number of points of one mean square."""
+"""Number of points over which one mean square of the error is taken."""
 CLEARLY, LEAST_UM = 1.02, 0.1
-"""The remaining error must exceed the earlier one by this factor and this many um: a smaller
-increase is the rounding of tables.
+"""The error after compensation must exceed the error before by this factor and by this many um: a
+smaller increase comes from the rounding of tables.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stretch:
-    """A stretch of an axis, wherever the others stand: length of the error vector there (rms, rigid
-    motion removed), in um."""
+    """A stretch of an axis, for all positions of the other axes. The length of the error vector in
+    the stretch (rms, rigid motion removed), in um, is given without and with the tables.
+    """
 
     axis: str
     low_mm: float
@@ -36,7 +37,7 @@ class Stretch:
 
     @property
     def times(self) -> float:
-        """Return the factor by which the error grows."""
+        """Return the factor by which the error vector grows in the stretch."""
         return self.after.value_um / max(self.before.value_um, 1e-9)
 
 
@@ -47,7 +48,7 @@ def harmed(
     larger with a correction (N, 3) than without.
 
     Arguments as in `solver.result.prediction.predicted`. Neighbouring cells are one stretch. The
-    worst comes first, and its points do not count for another axis.
+    worst stretch comes first, and its points are left out of the stretches of other axes.
     """
     before, after = squares_um2(result, points_mm, correction_um, beside_um)
     open_points = np.ones(len(points_mm), dtype=np.bool_)
@@ -68,8 +69,8 @@ def harmed(
 def _candidates(
     volume: Volume, points_mm: Vector, before: Vector, after: Vector, among: NDArray[np.bool_]
 ) -> Iterator[tuple[Stretch, NDArray[np.bool_]]]:
-    """Yield the stretches of every axis whose points ``among`` all get worse, with the points in
-    each.
+    """Yield the stretches of every axis in which all points of ``among`` get worse, each with the
+    points in it.
     """
     for axis, letter in enumerate(AXES):
         cells = min(volume.increments, MOST_CELLS)
@@ -113,7 +114,7 @@ def _worse(before: Interval, after: Interval) -> bool:
 
 
 def _runs(flags: list[bool]) -> list[tuple[int, int]]:
-    """Return first and last place of every run of set flags."""
+    """Return the first and the last index of every run of set flags."""
     runs: list[tuple[int, int]] = []
     for place in (number for number, flag in enumerate(flags) if flag):
         if runs and runs[-1][1] == place - 1:

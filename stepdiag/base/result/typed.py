@@ -25,7 +25,7 @@ _ABSENT = object()
 
 
 def _words(node: Node) -> Words:
-    """Return a message, or the text of a result of before or of another version."""
+    """Return a message; or the unchanged text, in a result of an older or another version."""
     return (
         node.word()
         if isinstance(node.value, str)
@@ -99,10 +99,10 @@ def read(node: Node, kind: Any) -> Any:
     """Return a value of the type ``kind``: a dataclass, a mapping, a tuple, a choice, a number, a
     text or a truth, or None.
 
-    A mapping whose names are a choice has all of these names. A strict node refuses (``DataError``)
-    the first field that is unknown, missing or of another type. Any other node leaves out unknown
-    names, damaged entries of mappings, and damaged members that have a default or may be None or
-    empty.
+    A mapping whose names are a choice must have all names of the choice. A strict node refuses
+    (``DataError``) the first field that is unknown, missing or of another type. A node that is not
+    strict leaves out unknown names, damaged entries of mappings, and damaged members that have a
+    default or may be None or empty.
     """
     if kind in _LEAVES:
         return _LEAVES[kind](node)

@@ -12,60 +12,65 @@ from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, Function
 from stepdiag.base.volume import Vector, rms
 
 CURVED = 22.0
-"""Residue of functions of five half waves that fall with their number beside the smooth curve
-through n + 1 targets, over shape / n^3 (root mean square over the travel; measured on drawn
-functions).
+"""Difference between a function and the smooth curve through its values at n + 1 targets, divided
+by shape / n^3 (both root mean squares over the travel). Measured on drawn functions: sums of five
+half waves whose size falls with their number.
 """
 SHORTEST = 0.5
-"""Standard deviation of the logarithm of an arch for waves hardly longer than two increments: drawn
-functions of five half waves on five increments differ from the size predicted by their values by a
-factor of 1.3 on average.
+"""Standard deviation of the logarithm of an arch's height for waves hardly longer than two
+increments. Drawn functions of five half waves on five increments differ on average by a factor of
+1.3 from the size predicted by their values.
 """
 HARMFUL = 0.42
-"""Largest share of a function that the curve through its values may miss; more than three and a
-half waves on ten increments exceed it.
+"""Largest share of a function that the smooth curve through its values may fail to show; more than
+three and a half waves on ten increments exceed it.
 """
 LEAST_VALUES = 8
-"""With fewer values, the fourth differences are too few to separate waves from bends: five
-increments would nearly always be called coarse.
+"""A function needs more values than this before its waves can be separated from its bends: fewer
+values have too few fourth differences, and five increments would nearly always be called too
+coarse.
 """
 FINEST_MM = 1e-3
-"""Positions closer than this to a node count as the node."""
+"""Distance in mm below which a position counts as a node."""
 _SURE = 2.0
 """Factor by which a wave between the values may exceed the predicted size before it counts as
 unexpected.
 """
 FEW_VALUES = 6
-"""With so few values of a function its waves cannot be separated from its bends: half of the
-knowledge (in logarithms) is then the usual size.
+"""Up to this number of values, the waves of a function cannot be separated from its bends: the
+logarithm of the size is then half the measured one and half the usual one.
 """
 OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
-"""Factor by which drawn functions of five half waves leave the curve through so few values by more
-than the values show: their waves are no longer than two increments.
+"""By number of values: factor by which drawn functions of five half waves differ more from the
+smooth curve than so few values show, because their waves are no longer than two increments.
 """
 _AT_ENDS = 4.3
-"""The spline follows waves less well in its two cells at either end: by 1.34 and 0.59 of the
-residue of a parabola through three values (computed for waves of 2.2 to 5 increments); their
-squares count for four cells of all.
+"""Sum of the squared differences in the four end cells, in squares of the difference of a parabola
+through three values. The spline follows waves less well in its two cells at either end: by 1.34 and
+0.59 of the difference of that parabola (computed for waves of 2.2 to 5 increments).
 """
 _SEEN, _ALIASED = 0.6, 0.45
-"""Cosines of half the turn from value to value: waves down to 3.4 increments appear with their true
-length; an apparent wave below 2.85 may be shorter than two increments, invisible to the spline.
+"""Cosines of half the turn of a wave from value to value. Waves down to 3.4 increments appear with
+their true length; a wave that appears shorter than 2.85 increments may be shorter than two, which
+the spline cannot show.
 """
 _UNSEEN = 1.2
-"""Factor by which functions with such waves leave the curve by more than a parabola through three
-values does: drawn functions are less certain at their ends.
+"""Factor for functions with waves shorter than two increments: they differ more from the smooth
+curve than a parabola through three values does, because drawn functions are less certain at their
+ends.
 """
 _BENT, _BENT_TWICE = 6.0, 70.0
-"""Ratios of the variances of the second and fourth difference of independent values to theirs."""
+"""Variances of the second and of the fourth difference of independent values, divided by the
+variance of the values.
+"""
 
 
 def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
     """Return the size of hidden waves between the targets of each displacement function: by finer
     runs of the positioning function of its axis, or without such runs, of the others' axes.
 
-    A screw's pitch moves the carriage sideways too. The size of this motion is not measured, so
-    these are only usual sizes.
+    A screw's pitch moves the carriage sideways too. The size of this sideways motion is not
+    measured, so the returned sizes are only usual sizes.
     """
     seen = {}
     for name in POSITIONING:
@@ -84,9 +89,9 @@ def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
 
 
 def _beside_its_values_um(function: Function, nodes_mm: Vector) -> float | None:
-    """Return by how much a function, in the middle between two nodes (rms), leaves the smooth curve
-    through its values at the nodes, beyond the amount expected from these and their noise; None
-    without measurements between the nodes.
+    """Return by how much a function, in the middle between two nodes (rms), differs from the smooth
+    curve through its values at the nodes, beyond the amount expected from the values and their
+    noise; None without measurements between the nodes.
     """
     at_mm, value = function.position_mm, function.value
     off = np.min(np.abs(at_mm[:, None] - nodes_mm), axis=1) > FINEST_MM
@@ -114,8 +119,8 @@ def noise_um_of(function: Function) -> float:
 
 
 def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
-    """Return the functions whose waves are hardly longer than two increments: between the targets
-    they are unknown.
+    """Return the functions whose waves are hardly longer than two increments, so that they are
+    unknown between the targets.
     """
     names = []
     for name in DISPLACEMENTS:
@@ -129,7 +134,7 @@ def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
 
 def hiding_functions(errors: Mapping[str, Function]) -> dict[str, float]:
     """Return the functions with possible waves between their targets that could cancel the gain of
-    a table, and the size of these waves by finer runs of other functions, in um.
+    a table, each with the size of these waves in um, from finer runs of other functions.
     """
     shown = shown_finer_um(errors)
     return {
@@ -146,11 +151,11 @@ def _shape_um(value: Vector) -> float:
 
 
 def evenly_spaced(function: Function) -> Vector:
-    """Return the values at equally spaced positions, at most as far apart as the function's own;
-    None for a function without values.
+    """Return the values of a function at equally spaced positions, at most as far apart as its own
+    positions; an empty array for a function without values.
 
-    Bends show the length of waves only at such positions, and locally closer positions do not
-    improve this elsewhere.
+    Bends show the length of waves only at such positions, and a few closer positions do not improve
+    it elsewhere.
     """
     at = function.position_mm
     if function.value is None or len(at) < 2:
@@ -159,15 +164,16 @@ def evenly_spaced(function: Function) -> Vector:
 
 
 def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
-    """Return by how much a function leaves the smooth curve in the middle between two of its values
-    (rms), from their bends, and the standard deviation of the logarithm of this amount.
+    """Return by how much a function differs from the smooth curve in the middle between two of its
+    values (rms), from the bends of the values, and the standard deviation of the logarithm of this
+    amount.
 
-    A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth
-    differences their square: their ratio gives w. With c = cos(w/2) the wave leaves the spline of
-    the predictions (`solver.result.field.Smoothed`) by (1 - c)^2 (2 - c) / (2 + 4 c^2), and a
-    parabola through three values by (1 - c)^2 (1 + c/2), both times its size; the latter is the
-    measure of the ends and of waves that may be shorter than they appear. Waves of nearly two
-    increments appear longer than they are.
+    A wave that turns by w from value to value has second differences of 4 sin^2(w/2) and fourth
+    differences of the square of this factor: the ratio gives w. With c = cos(w/2) the wave differs
+    from the spline of the predictions (`solver.result.field.Smoothed`) by (1 - c)^2 (2 - c) / (2 +
+    4 c^2), and a parabola through three values by (1 - c)^2 (1 + c/2), both times its size; the
+    latter is used at the ends, and for waves that may be shorter than they appear. Waves of nearly
+    two increments appear longer than they are.
     """
     bent = np.sqrt(max(rms(np.diff(value, n=2)) ** 2 - _BENT * noise_um**2, 0.0))
     if bent == 0.0 or len(value) < 5:

@@ -1,4 +1,4 @@
-"""Charts of the report: lines with their k=2 bands, and bars."""
+"""Charts of the report: lines with their bands at k = 2, and bars."""
 
 import math
 from collections.abc import Sequence
@@ -14,13 +14,13 @@ Vector = NDArray[np.float64]
 
 WIDTH, HEIGHT = 460.0, 250.0
 INTERVALS = 5
-"""Smallest distance between the marks of an axis, before rounding."""
+"""Smallest distance in px between the marks of an axis, before rounding."""
 NEAR_PX = 6.0
-"""Largest distance in px from a node at which a pointer finds its value."""
+"""Largest distance in px between a pointer and a node at which the value of the node is shown."""
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 20.0, 14.0, 38.0
 LETTER_PX = 9.2
-"""Size of the legend in print, where three drawings are beside each other and their letters are
-half as large again.
+"""Size of the legend's letters in print, where three drawings stand side by side and letters must
+be half as large again.
 """
 
 
@@ -45,7 +45,7 @@ class Scale:
     end: float
 
     def __call__(self, value: float) -> float:
-        """Return the pixel of a value."""
+        """Return the pixel that represents a value."""
         return self.start + (value - self.low) / (self.high - self.low) * (
             self.end - self.start
         )
@@ -83,7 +83,7 @@ def _label(value: float, step: float) -> str:
 
 
 def _frame(horizontal: Scale, vertical: Scale, x_label: str, y_label: str) -> list[str]:
-    """Return grid, ticks and axis titles."""
+    """Return the grid, the ticks and the titles of both axes."""
     parts: list[str] = []
     for scale, is_x in ((horizontal, True), (vertical, False)):
         marks = [
@@ -170,8 +170,8 @@ def _chart_line(series: Series, horizontal: Scale, vertical: Scale, order: int) 
 def _values(
     series: Series, horizontal: Scale, vertical: Scale, x_label: str, y_label: str
 ) -> list[str]:
-    """Return the labels of a line's nodes for a pointer: its name, both values with their units,
-    and U if there is one.
+    """Return the texts for a line's nodes under the pointer: the name of the line, both values with
+    their units, and U if known.
     """
     (x_name, x_unit), (y_name, y_unit) = (
         label.partition(" / ")[::2] for label in (x_label, y_label)
@@ -207,8 +207,8 @@ def _legend(series: Sequence[Series]) -> list[str]:
 
 
 def line_chart(series: Sequence[Series], *, label: str, x_label: str, y_label: str) -> str:
-    """Return a drawing of lines with dots at the nodes and their k=2 bands; NaN values are left
-    out.
+    """Return a drawing of lines with dots at the nodes and their bands at k = 2; NaN values are
+    left out.
     """
     reaches = [
         s.y + sign * COVERAGE * np.nan_to_num(s.u)

@@ -26,11 +26,11 @@ _TITLE = 24.0
 
 
 def effect_drawing(prediction: Prediction, reach: Reach, language: Language) -> str:
-    """Return the picture as SVG markup.
+    """Return the picture of the effect of tables as SVG markup.
 
     ``prediction`` holds the error at ``space.LATTICE`` points per axis for the drawing: the
-    measured error, less the correction of the tables. ``reach`` holds the intervals in the words
-    over the drawings: only these include the errors that the readings do not show.
+    measured error, less the correction of the tables. ``reach`` holds the intervals for the text
+    over the drawings: only these intervals include the errors that the readings do not show.
     """
     shown = prediction.picture()
     fields = [np.array(shown["before_um"]), np.array(shown["after_um"])]
@@ -73,8 +73,8 @@ def effect_drawing(prediction: Prediction, reach: Reach, language: Language) -> 
 
 
 def sheet(drawings: Sequence[str], title: str, suffix: str, language: Language) -> str:
-    """Return the drawings of `stepdiag.report.drawings.charts` below each other under a title;
-    ``suffix`` is one of `SUFFIXES`.
+    """Return a sheet with charts of `stepdiag.report.drawings.charts` below each other under a
+    title; ``suffix`` is one of `SUFFIXES`.
     """
     parts = [
         svg.element(
@@ -94,8 +94,8 @@ def sheet(drawings: Sequence[str], title: str, suffix: str, language: Language) 
 
 
 def drawing_file(drawing: str, suffix: str, title: str, language: Language) -> str:
-    """Return a drawing as a separate file: SVG, or an HTML page in which a space can be turned.
-    ``suffix`` is one of `SUFFIXES`.
+    """Return a drawing as a separate file: SVG, or an HTML page in which a 3-D drawing can be
+    turned. ``suffix`` is one of `SUFFIXES`.
     """
     style = _part("report.css") + ".figure { max-width: none; }"
     if suffix == ".svg":

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from stepdiag.base.result.rounding import steady
 
 DECIMALS = 9
-"""A number below the resolution of any instrument, so that the last bits of a sum, which differ
-between processors, are not written.
+"""Number of decimals in a CSV: below the resolution of any instrument, but without the last bits of
+a sum, which differ between processors.
 """
 
 
@@ -28,7 +28,9 @@ class Figure:
 
 
 def csv_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return CSV with LF line ends; numbers rounded to `DECIMALS`, NaN and None as empty fields."""
+    """Return columns as CSV with LF line ends; numbers rounded to `DECIMALS`, NaN and None as empty
+    fields.
+    """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(header)
@@ -38,7 +40,7 @@ def csv_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
 
 def data_link(table: str) -> str:
-    """Return a link that holds a CSV."""
+    """Return an HTML link whose address contains a CSV."""
     return "data:text/csv;charset=utf-8;base64," + base64.b64encode(table.encode()).decode()
 
 

@@ -15,9 +15,10 @@ from stepdiag.report.drawings.figure import Figure, csv_table
 from stepdiag.texts.texts import UNITS
 
 Correction = Callable[[Vector], Vector]
-"""From commanded points (N, 3) in mm to the displacement of the tool by the control's tables, (N,
-3) in um."""
-"""Units of the result in the form for a person."""
+"""A function from commanded points (N, 3) in mm to the displacement of the tool by the control's
+tables, (N, 3) in um.
+"""
+"""Units of the result, each as a person reads it."""
 
 
 def function_figures(result: Result, words: dict[str, str]) -> list[Figure]:
@@ -51,8 +52,8 @@ def _function_figure(name: str, result: Result, words: dict[str, str]) -> Figure
 def _function_lines(
     function: Function, reversal: Function | None, words: dict[str, str]
 ) -> list[Series]:
-    """Return the mean of both directions with its band, and the two directions if the data give
-    them.
+    """Return the lines of a function: the mean of both directions with its band, and the two
+    directions if the data give them.
     """
     assert function.value is not None
     mean = Series(label=words["mean"], x=function.position_mm, y=function.value, u=function.u)
@@ -74,7 +75,7 @@ def _function_lines(
 
 
 def field_statistics(errors_um: Vector) -> tuple[float, float]:
-    """Return rms and largest length of error vectors, in um."""
+    """Return the root mean square and the largest length of error vectors, in um."""
     lengths = np.linalg.norm(errors_um, axis=1)
     return float(np.sqrt(np.mean(lengths**2))), float(lengths.max())
 
@@ -82,8 +83,8 @@ def field_statistics(errors_um: Vector) -> tuple[float, float]:
 def volumetric_errors(
     result: Result, correction: Correction | None, count: int
 ) -> list[Vector]:
-    """Return the error before and, with a correction, after it, rigid motion removed, each
-    (count**3, 3) in um.
+    """Return the error before a correction and, if a correction is given, after it, rigid motion
+    removed, each (count**3, 3) in um.
     """
     points = space.lattice_mm(result.volume, count)
     before = error_field_um(result, points)
@@ -94,8 +95,8 @@ def volumetric_errors(
 def field_figures(
     result: Result, correction: Correction | None, words: dict[str, str]
 ) -> list[Figure]:
-    """Return the error field before the correction and, with a given correction, after it: same
-    magnification, same colours.
+    """Return a figure of the error field before a correction and, if one is given, after it: with
+    the same magnification and the same colours.
     """
     fields = volumetric_errors(result, correction, space.LATTICE)
     longest = max(field_statistics(field)[1] for field in fields)
@@ -130,8 +131,8 @@ def field_figures(
 
 
 def closure_figures(result: Result, words: dict[str, str]) -> list[Figure]:
-    """Return the closure residual ppp - npp - pnp - ppn by axis and node, if the result contains
-    it, else None.
+    """Return the figure of the closure residual ppp - npp - pnp - ppn by axis and node; none if the
+    result does not contain the residual.
     """
     closure = result.closure_um
     if closure is None:
@@ -160,10 +161,10 @@ def closure_figures(result: Result, words: dict[str, str]) -> list[Figure]:
 
 
 def field_of(result: Result, correction: Correction | None) -> dict[str, Any] | None:
-    """Return lattice points in mm and the error there in um before and (None without correction)
-    after, rigid motion removed.
+    """Return lattice points in mm, and the error at these points in um, rigid motion removed:
+    before a correction, and after it (None without a correction).
 
-    None where an axis did not travel: there is no volume to draw.
+    None where an axis did not travel, because there is no volume to draw.
 
     ``longest_um`` is the length of the longest vector, which scales both drawings.
     """

@@ -1,5 +1,6 @@
-"""The error field in slices: the error vector across three planes of equal Z, arrows in the plane,
-shades for its whole length."""
+"""The error field in slices: the error vectors in three planes of equal Z. An arrow shows the
+components in the plane, a shade the whole length.
+"""
 
 import numpy as np
 
@@ -21,8 +22,9 @@ _LONGEST_PX = 16.0
 
 
 def slices_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label: str) -> str:
-    """Return planes at the lowest, middle and highest Z; ``errors_um`` has shape (LATTICE**3, 3),
-    the order of `lattice_mm`."""
+    """Return a drawing of the planes at the lowest, middle and highest Z; ``errors_um`` has shape
+    (LATTICE**3, 3), the order of `lattice_mm`.
+    """
     points = lattice_mm(volume).reshape(LATTICE, LATTICE, LATTICE, 3)
     errors = errors_um.reshape(LATTICE, LATTICE, LATTICE, 3)
     width = (WIDTH - _LEFT - 2 * _GAP) / 3
@@ -41,7 +43,7 @@ def slices_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label
 def _plane(
     points_mm: Array, errors_um: Array, left: float, width: float, longest_um: float
 ) -> list[str]:
-    """Return the cells of one plane, shape (x, y, 3), X to the right and Y up."""
+    """Return the values in the cells of one plane, shape (x, y, 3), X to the right and Y up."""
     count = errors_um.shape[0]
     cell, height = width / count, (HEIGHT - _TOP - 28) / count
     scale = _LONGEST_PX / longest_um if longest_um > 0 else 0.0

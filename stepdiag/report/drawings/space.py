@@ -17,17 +17,19 @@ from stepdiag.report.drawings import svg
 Array = NDArray[np.float64]
 
 AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0
-"""The view at first: X to the right, Y into the sheet, Z up."""
+"""Angles of the view at first, in degrees: X to the right, Y into the sheet, Z up."""
 WIDTH, HEIGHT, MARGIN = 460.0, 350.0, 52.0
 LATTICE = 5
-"""Points per axis of the lattice drawn."""
+"""Number of points per axis of the drawn lattice."""
 LONGEST_PX = 36.0
-"""Length of the longest drawn error; all errors are magnified accordingly."""
+"""Length of the longest error vector in the drawing in px; all errors are magnified by the same
+factor.
+"""
 SHADES = 5
 
 
 def view_matrix() -> Array:
-    """Return the (2, 3) matrix from machine axes to the sheet (right, up)."""
+    """Return the (2, 3) matrix from machine axes to the directions of the sheet (right, up)."""
     azimuth, elevation = np.deg2rad(AZIMUTH_DEG), np.deg2rad(ELEVATION_DEG)
     right = [-np.sin(azimuth), np.cos(azimuth), 0.0]
     up = [
@@ -59,7 +61,7 @@ class WireFrame:
         self.names: list[tuple[int, str]] = []
 
     def add(self, points: Array) -> int:
-        """Add points, shape (N, 3); return the index of the first."""
+        """Add points to the frame, shape (N, 3); return the index of the first new point."""
         first = len(self.points)
         self.points += [
             (steady(x, 1), steady(y, 1), steady(z, 1)) for x, y, z in points.tolist()
@@ -67,8 +69,8 @@ class WireFrame:
         return first
 
     def markup(self) -> str:
-        """Return the frame viewed from `AZIMUTH_DEG`, `ELEVATION_DEG`, with the data that a script
-        needs to turn the view.
+        """Return the drawing of the frame, viewed from `AZIMUTH_DEG`, `ELEVATION_DEG`, with the
+        data that a script needs to turn the view.
         """
         flat = np.array(self.points) @ view_matrix().T
         at = [(WIDTH / 2 + x, HEIGHT / 2 - y) for x, y in flat.tolist()]
@@ -113,7 +115,7 @@ def _px_per_mm(volume: Volume) -> float:
 
 
 def _add_box(frame: WireFrame, size_px: Array) -> None:
-    """Add the edges of the volume and the names of its axes beyond their ends."""
+    """Add the edges of the volume, and the names of its axes beyond the ends of the edges."""
     corners = (
         np.array([[(corner >> axis) & 1 for axis in range(3)] for corner in range(8)]) - 0.5
     )
@@ -128,7 +130,9 @@ def _add_box(frame: WireFrame, size_px: Array) -> None:
 
 
 def _lattice_lines(count: int) -> Iterator[tuple[int, int]]:
-    """Yield the neighbours along the grid lines of the lattice's outer faces."""
+    """Yield the pairs of neighbouring points along the grid lines on the outer faces of the
+    lattice.
+    """
     index = np.arange(count**3).reshape(count, count, count)
     for axis in range(3):
         along = np.moveaxis(index, axis, 2)
@@ -138,8 +142,9 @@ def _lattice_lines(count: int) -> Iterator[tuple[int, int]]:
 
 
 def vector_words(point_mm: Sequence[float], error_um: Sequence[float]) -> str:
-    """Return the label of a point of the lattice for a pointer: its place, the error vector and its
-    length."""
+    """Return the text for a point of the lattice under the pointer: its place, the error vector and
+    its length.
+    """
     place, parts = (
         "; ".join(f"{value:.0f}" for value in point_mm),
         "; ".join(svg.fixed(value) for value in error_um),
@@ -148,20 +153,21 @@ def vector_words(point_mm: Sequence[float], error_um: Sequence[float]) -> str:
 
 
 def shade(magnitude: float, longest: float) -> int:
-    """Return the colour class (0 least .. SHADES - 1 most) of an error."""
+    """Return the colour class of an error: 0 for the least, SHADES - 1 for the largest."""
     return min(SHADES - 1, int(SHADES * magnitude / longest)) if longest > 0 else 0
 
 
 def magnification(volume: Volume, longest_um: float) -> float:
-    """Return the magnification of a drawn error."""
+    """Return the magnification of the errors in a drawing."""
     return LONGEST_PX / (longest_um * 1e-3 * _px_per_mm(volume)) if longest_um > 0 else 0.0
 
 
 def field_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label: str) -> str:
-    """Return the lattice as the machine really drives it, with its errors magnified.
+    """Return a drawing of the lattice at the places that the machine really reaches, with magnified
+    errors.
 
-    ``errors_um`` has shape (LATTICE**3, 3), the order of `lattice_mm`; ``longest_um`` sets
-    magnification and colours, so that drawings with the same value can be compared.
+    ``errors_um`` has shape (LATTICE**3, 3), the order of `lattice_mm`; ``longest_um`` determines
+    magnification and colours, so drawings with the same ``longest_um`` can be compared.
     """
     px_per_mm = _px_per_mm(volume)
     frame = WireFrame()
@@ -187,7 +193,7 @@ def field_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label:
 
 
 def _key(longest_um: float) -> list[str]:
-    """Return the colour key: a box per shade with the error at its end."""
+    """Return the colour key: a box per shade, with the error at the end of the shade."""
     left = WIDTH - 30.0 * SHADES - 10
     parts = [svg.text("µm", left - 6, HEIGHT - 8, class_="tick", text_anchor="end")]
     for index in range(SHADES):

@@ -9,19 +9,19 @@ from stepdiag.base.result.rounding import steady
 
 
 def number(value: float) -> str:
-    """Return a length or coordinate with at most two decimals and no trailing zeros."""
+    """Return a length or a coordinate as a text with at most two decimals and no trailing zeros."""
     return f"{steady(value, 2):.2f}".rstrip("0").rstrip(".")
 
 
 def fixed(value: float) -> str:
-    """Return a value in the form for a person: two decimals, the same on every processor, no
-    negative zero.
+    """Return a value as a person reads it: two decimals, the same on every processor, no negative
+    zero.
     """
     return f"{steady(value, 2):.2f}"
 
 
 def element(tag: str, *content: str, **attributes: str | float) -> str:
-    """Return one element.
+    """Return one element as markup.
 
     ``content`` is already markup; attribute values are escaped. ``class_`` is written ``class`` and
     an underscore in a name becomes a hyphen (``stroke_width``).
@@ -36,7 +36,7 @@ def element(tag: str, *content: str, **attributes: str | float) -> str:
 
 
 def text(words: str, x: float, y: float, **attributes: str | float) -> str:
-    """Return a text element; ``words`` is escaped here."""
+    """Return a text element; this function escapes ``words``."""
     return element("text", escape(words), x=x, y=y, **attributes)
 
 
@@ -46,14 +46,14 @@ def titled(words: str, tag: str, **attributes: str | float) -> str:
 
 
 def path(points: Iterable[tuple[float, float]], *, closed: bool = False) -> str:
-    """Return the ``d`` of a path through pixel coordinates."""
+    """Return the ``d`` attribute of a path through pixel coordinates."""
     walked = "L".join(f"{number(x)} {number(y)}" for x, y in points)
     return f"M{walked}{'Z' if closed else ''}"
 
 
 def drawing(width: float, height: float, label: str, *content: str) -> str:
-    """Return a complete drawing that scales with its space; ``label`` is the text for a screen
-    reader.
+    """Return a complete drawing that takes the size of the space around it; ``label`` is the text
+    for a screen reader.
     """
     return element(
         "svg",

@@ -69,8 +69,9 @@ PROGRAM = frozenset(get_args(ProgramFault))
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One fault. ``setup``, ``pass_number`` and ``stop`` name its place (None: any); times are wall
-    seconds."""
+    """A fault. ``setup``, ``pass_number`` and ``stop`` name its place (None: any); its times are
+    wall seconds.
+    """
 
     kind: FaultKind
     setup: str | None = None
@@ -88,14 +89,14 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         return not (self.setup is None and self.pass_number is None and self.stop is None)
 
     def is_at(self, setup: str, pass_number: int, stop: int) -> bool:
-        """Return whether this is the fault's place."""
+        """Return whether the fault waits for this place."""
         wanted = ((self.setup, setup), (self.pass_number, pass_number), (self.stop, stop))
         return self.placed and all(mine is None or mine == here for mine, here in wanted)
 
 
 class FaultBoard:
-    """Arms faults at their places and passes the active faults to the devices. Safe to use from
-    several threads.
+    """Arms faults at their places and passes the active faults to the devices. Several threads may
+    use a board.
     """
 
     def __init__(self, faults: tuple[Fault, ...] = ()) -> None:
@@ -104,7 +105,9 @@ class FaultBoard:
         self._armed = [(fault.delay_s, fault) for fault in faults if not fault.placed]
 
     def inject(self, fault: Fault, wall_s: float) -> None:
-        """Let a fault strike ``delay_s`` after ``wall_s``, or wait for its place if any."""
+        """Have a fault occur ``delay_s`` after ``wall_s``; a fault with a place waits for this
+        place.
+        """
         with self._lock:
             if fault.placed:
                 self._waiting.append(fault)
@@ -114,8 +117,8 @@ class FaultBoard:
     def reach(
         self, setup: str, pass_number: int, stop: int, phase: str, wall_s: float
     ) -> None:
-        """Arm the faults that wait for this place; the faults of the program itself wait until the
-        program uses them.
+        """Arm the faults that wait for this place. A fault of the program itself waits until the
+        program uses it.
         """
         with self._lock:
             for fault in [
@@ -129,7 +132,7 @@ class FaultBoard:
                 self._armed.append((wall_s + fault.delay_s, fault))
 
     def take(self, kind: FaultKind, setup: str, pass_number: int, stop: int) -> Fault | None:
-        """Return and use up a fault of the program itself at this place."""
+        """Return a fault of the program itself at this place, and remove it from the board."""
         with self._lock:
             for fault in self._waiting:
                 if fault.kind == kind and fault.is_at(setup, pass_number, stop):
@@ -138,7 +141,7 @@ class FaultBoard:
         return None
 
     def active(self, kind: FaultKind, wall_s: float) -> Fault | None:
-        """Return the fault of this kind that lasts at ``wall_s``."""
+        """Return the fault of this kind that is active at ``wall_s``."""
         with self._lock:
             for start_s, fault in self._armed:
                 if fault.kind == kind and start_s <= wall_s < start_s + fault.duration_s:
@@ -146,8 +149,8 @@ class FaultBoard:
         return None
 
     def spans(self, kind: FaultKind) -> list[tuple[float, float]]:
-        """Return start and end of every armed fault of this kind, for devices that work in batches
-        of samples.
+        """Return start and end of every armed fault of this kind, for devices that process their
+        samples in batches.
         """
         with self._lock:
             return [
@@ -157,7 +160,9 @@ class FaultBoard:
             ]
 
     def due(self, kind: FaultKind, wall_s: float) -> list[Fault]:
-        """Return and use up the faults of this kind that strike once, up to ``wall_s``."""
+        """Return the faults of this kind that occurred up to ``wall_s``, and remove them from the
+        board; for kinds without a duration.
+        """
         with self._lock:
             struck = [
                 entry for entry in self._armed if entry[1].kind == kind and entry[0] <= wall_s

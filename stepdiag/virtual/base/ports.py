@@ -1,4 +1,4 @@
-"""Lines of instruments: a real pseudo-terminal with a stable name like an udev link, or a real TCP
+"""Lines of instruments: a real pseudo-terminal with a stable name, like a udev link, or a real TCP
 port.
 """
 
@@ -19,11 +19,12 @@ from stepdiag.virtual.base.reserved import reserved_port
 
 _KERNEL_BUFFER = 4095
 _UNREAD_S = 0.25
-"""Time in s for which a full buffer means that no program reads the line."""
+"""Time in s after which a buffer that stays full means that no program reads the line."""
 
 
 class Line(Protocol):
-    """The line of an instrument. ``name`` is its address; ``fresh`` reports a new client, once.
+    """The line of an instrument. ``name`` is its address; ``fresh`` is true once after a new client
+    has connected.
 
     A ``lossless`` line waits for its reader.
     """
@@ -49,11 +50,11 @@ class Line(Protocol):
 
 
 class SerialLine:
-    """The device's end of a pty; ``link`` is a symbolic link to the other end while it is plugged
-    in.
+    """The device's end of a pty; while the line is plugged in, ``link`` is a symbolic link to the
+    other end.
 
     A line without a reader is like a closed port: old bytes are discarded, so that a later reader
-    gets the present ones. A ``lossless`` line waits for its reader instead, for load tests.
+    receives present bytes. A ``lossless`` line waits for its reader instead, for load tests.
     """
 
     def __init__(self, link: Path, *, lossless: bool = False) -> None:
@@ -67,7 +68,7 @@ class SerialLine:
 
     @property
     def name(self) -> str:
-        """Return the path of its link."""
+        """Return the path of the symbolic link."""
         return str(self.link)
 
     @property
@@ -76,7 +77,7 @@ class SerialLine:
         return self._master >= 0
 
     def plug(self) -> None:
-        """Create the line and point the link to it."""
+        """Create the line, and the symbolic link that names it."""
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -96,7 +97,7 @@ class SerialLine:
         self._master = self._slave = -1
 
     def end(self) -> None:
-        """End every wait for a reader; callable from another thread."""
+        """End every wait for a reader; another thread may call this."""
         self._ended.set()
 
     def write(self, data: bytes) -> None:
@@ -112,7 +113,7 @@ class SerialLine:
                 select.select([], [self._master], [], 0.05)
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the bytes from the other side within ``timeout_s``, possibly none."""
+        """Return the bytes received from the other end within ``timeout_s``, possibly none."""
         if not self.plugged:
             time.sleep(timeout_s)
             return b""
@@ -148,7 +149,7 @@ class SerialLine:
 
 class TcpLine:
     """An instrument's TCP port on loopback: a single client at a time, the same port after
-    unplugging. Without a guest bytes are lost.
+    unplugging. Without a client, bytes are lost.
     """
 
     lossless = False
@@ -161,7 +162,7 @@ class TcpLine:
 
     @property
     def name(self) -> str:
-        """Return its address, as a survey file names it."""
+        """Return the address of the port in the form for a survey file."""
         return f"socket://127.0.0.1:{self._port}"
 
     @property
@@ -170,19 +171,19 @@ class TcpLine:
         return self._listener is not None
 
     def plug(self) -> None:
-        """Listen."""
+        """Listen on the port."""
         self._listener = socket.create_server(("127.0.0.1", self._port))
         self._listener.setblocking(False)
 
     def unplug(self) -> None:
-        """Send the guest away and listen no more."""
+        """Disconnect the client and close the listening socket."""
         self._leave()
         if self._listener is not None:
             self._listener.close()
             self._listener = None
 
     def end(self) -> None:
-        """There is no wait here."""
+        """Do nothing: a TCP port never waits for a reader."""
 
     def write(self, data: bytes) -> None:
         """Send bytes to the client; bytes without space in its buffer are lost, and its connection

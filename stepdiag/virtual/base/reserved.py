@@ -1,4 +1,4 @@
-"""A TCP port for this process alone."""
+"""A TCP port that is reserved for this process."""
 
 import socket
 
@@ -9,8 +9,8 @@ def reserved_port() -> int:
 
     A socket of this process is bound to the port and never listens. The kernel then assigns the
     port to no other request for any port, neither for a server nor for the near end of a
-    connection; the listener uses SO_REUSEADDR, as servers do (socket(7)). On a busy computer a port
-    that was only found free becomes the near end of a connection a second later.
+    connection; the listener uses SO_REUSEADDR, as servers do (socket(7)). Without this, on a busy
+    computer a port that was found free may be the near end of a connection a second later.
     """
     held = socket.socket()
     held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -46,8 +46,8 @@ from stepdiag.virtual.plc.plc import Plc
 
 _HEAD_CHUNK_S = 0.02
 _SEEN, _SEEN_MOVING_S = 0.8, 0.03
-"""Share of a dwell during which a patient machine must be polled; wall seconds of a move, which may
-be shorter than a delay.
+"""Two limits for a patient machine: the share of a dwell during which it must be polled; and for a
+move, which may be shorter than a delay, the wall seconds.
 """
 Tell = Callable[[dict[str, str]], None]
 
@@ -59,11 +59,11 @@ class _Worker(Protocol):
 
 
 class VirtualBench:
-    """A whole machine hall on loopback; used in a ``with`` statement, or by `start` and `close`.
+    """The whole bench on loopback; used in a ``with`` statement, or by `start` and `close`.
 
-    ``directory`` is where relative links of serial lines appear. ``tell`` is called from a worker
-    thread with an event at the beginning of a setup, when the program waits for its start, and at
-    its end.
+    ``directory`` is the folder for serial lines with a relative link. ``tell`` is called from a
+    worker thread with an event at the beginning of a setup, when the program waits for its start,
+    and at its end.
     """
 
     def __init__(
@@ -94,8 +94,9 @@ class VirtualBench:
 
     @property
     def addresses(self) -> dict[str, str | int]:
-        """Return where the devices are: ``plc_host`` and ``plc_port`` or ``plc_link``,
-        ``laser_link``, ``head_link``, ``air_link``."""
+        """Return the addresses of the devices: ``plc_host`` and ``plc_port`` or ``plc_link``,
+        ``laser_link``, ``head_link``, ``air_link``.
+        """
         return dict(self._addresses)
 
     def start(self) -> None:
@@ -104,7 +105,7 @@ class VirtualBench:
             worker.start()
 
     def close(self) -> None:
-        """Stop every device; all threads, sockets and ptys are closed afterwards."""
+        """Stop every device. When this returns, all threads, sockets and ptys are closed."""
         for worker in reversed(self._workers):
             worker.close()
         self._workers.clear()
@@ -122,7 +123,7 @@ class VirtualBench:
         self.close()
 
     def start_setup(self, again: str = "") -> None:
-        """Begin the next setup, or drive a named setup again before it, as the operator does at the
+        """Begin the next setup, or first drive a named setup again, as the operator does at the
         control.
 
         Raises ValueError for a setup outside the program.
@@ -137,7 +138,7 @@ class VirtualBench:
         )
 
     def inject(self, fault: Fault) -> None:
-        """Let a fault strike ``delay_s`` from now, or wait for its place."""
+        """Have a fault occur ``delay_s`` from now; a fault with a place waits for this place."""
         self._faults.inject(fault, self._clock.wall_s())
 
     def _add_plc(self, directory: Path) -> None:
@@ -218,7 +219,7 @@ class VirtualBench:
         )
 
     def _climate(self) -> Climate:
-        """Return air and material now."""
+        """Return the present values of air and material."""
         hall, now = self.machine.environment, np.array([self._clock.machine_s()])
         courses = (hall.air_c, hall.pressure_hpa, hall.humidity_percent, hall.material_c)
         return Climate(*(float(course.at(now)[0]) for course in courses))
@@ -300,7 +301,9 @@ class VirtualBench:
         return build_head_device(part, view.look)
 
     def _entered(self, segment: Segment) -> None:
-        """Arm faults, zero the laser after the mirror has been set up, and report the beginning."""
+        """At the beginning of a setup: arm faults, set the laser to zero after the mirror has been
+        set up, and report the beginning.
+        """
         step, wall_s = segment.step, segment.start_s / self._clock.scale
         self._faults.reach(step.setup, step.pass_number, step.stop, step.kind, wall_s)
         if step.kind != "pause":
@@ -312,7 +315,9 @@ class VirtualBench:
             self._say("finished" if step.beam else "waiting", "")
 
     def _unseen(self, segment: Segment) -> bool:
-        """Return whether a step must continue because the recorder was delayed during it."""
+        """Return whether a step must last longer because the recorder was delayed during the
+        step.
+        """
         scale = self._clock.scale
         wanted_s = (
             _SEEN * segment.step.duration_s / scale

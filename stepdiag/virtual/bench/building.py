@@ -1,4 +1,6 @@
-"""From a configuration to the machine, its set-ups and its devices, all without a thread."""
+"""The machine, its set-ups and its devices, built from a configuration; this module starts no
+thread.
+"""
 
 import math
 from collections.abc import Callable, Mapping
@@ -61,7 +63,7 @@ _LINE_RATE_HZ = 100.0
 
 
 def build_box(config: BenchConfig) -> Box:
-    """Return the measured volume."""
+    """Return the measured volume of a configuration."""
     volume = config.volume
     return Box(
         origin_mm=volume.origin_mm,
@@ -73,8 +75,8 @@ def build_box(config: BenchConfig) -> Box:
 
 
 def build_errors(config: BenchConfig) -> ErrorSet:
-    """Return the 21 errors and the reversal (backlash as lost motion: the axis lags by half of it
-    in either direction).
+    """Return the 21 errors of the machine and its reversal (backlash as lost motion: the axis lags
+    by half of the backlash in either direction).
     """
     part, volume = config.machine, config.volume
     amplitudes = Amplitudes(
@@ -108,7 +110,7 @@ def build_errors(config: BenchConfig) -> ErrorSet:
 def _on_screws(
     config: BenchConfig, functions: Mapping[str, ErrorFunction]
 ) -> dict[str, ErrorFunction]:
-    """Return the positioning functions with the periodic errors of their screws."""
+    """Return the positioning functions with the periodic errors of their ball screws."""
     part, low_mm = config.machine, config.volume.origin_mm
     phases = np.random.default_rng((config.seed, 10)).uniform(0.0, 2.0 * math.pi, size=3)
     return {
@@ -137,7 +139,7 @@ def _build_growth(config: BenchConfig) -> Growth | None:
 
 
 def build_machine(config: BenchConfig) -> Machine:
-    """Return the machine with its compensation files loaded."""
+    """Return the machine with the compensation files loaded into its control."""
     part, hall = config.machine, config.hall
     return Machine(
         errors=build_errors(config),
@@ -164,7 +166,7 @@ def build_machine(config: BenchConfig) -> Machine:
 
 
 def build_drive(config: BenchConfig) -> Drive:
-    """Return how the axes move."""
+    """Return how the axes move: speeds, ring of the structure, and errors of arrival."""
     part, program = config.machine, config.program
     return Drive(
         feed_mm_min=program.feed_mm_min,
@@ -189,7 +191,7 @@ def shifted_setups(config: BenchConfig) -> dict[str, tuple[float, float, float]]
 
 
 def build_plan(config: BenchConfig) -> Plan:
-    """Return the plan to drive; raises ValueError for an unknown setup."""
+    """Return the plan of the program; raises ValueError for an unknown setup."""
     program = config.program
     setups = (*program.setups, *shifted_setups(config))
     for setup in setups:
@@ -208,8 +210,8 @@ def build_plan(config: BenchConfig) -> Plan:
 
 
 def alignment_of(config: BenchConfig, setup: str) -> Alignment:
-    """Return the alignment of this setup; the directions of its angles are drawn by seed and
-    name.
+    """Return the alignment errors of a setup; the directions of their angles are drawn by seed and
+    name of the setup.
     """
     part, laser = config.alignment, config.laser or LaserPart()
     rng = np.random.default_rng([config.seed, *setup.encode("ascii")])
@@ -232,7 +234,9 @@ def alignment_of(config: BenchConfig, setup: str) -> Alignment:
 
 
 def setup_builder(config: BenchConfig, machine: Machine) -> Callable[[str], Setup]:
-    """Return the function that sets up laser and target for a setup by its name, once per setup."""
+    """Return a function that sets up laser and target for a setup by its name; the set-up of each
+    setup is made once.
+    """
     box = build_box(config)
     built: dict[str, Setup] = {}
 
@@ -247,7 +251,8 @@ def setup_builder(config: BenchConfig, machine: Machine) -> Callable[[str], Setu
 def head_builder(
     config: BenchConfig, part: HeadPart, machine: Machine
 ) -> Callable[[str], VirtualHead]:
-    """Return the function that mounts the 4-DOF head for a run along an axis, once per run.
+    """Return a function that mounts the 4-DOF head for a run along an axis; the mounting for each
+    run is made once.
 
     The detectors' right and up are the level and the upright perpendicular of the beam: +Y and +Z
     for a beam along +X, -X and +Z along +Y, +X and +Y along +Z.
@@ -295,7 +300,7 @@ def _stand_up(
 
 
 def build_head_device(part: HeadPart, look: Look) -> Talking | Answering:
-    """Return the sender on the head's line."""
+    """Return the 4-DOF head as the device on its line."""
     if part.format == "tqd":
         return QuadrantDetector(look, full_sum=part.optics.qd.full_sum)
     return FourdofHead(look, rate_hz=part.rate_hz, encoding=part.encoding)
@@ -303,8 +308,8 @@ def build_head_device(part: HeadPart, look: Look) -> Talking | Answering:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """The surroundings of an instrument besides its beam: the air and material around it, and
-    whether the stop relay is closed at wall times.
+    """The surroundings of an instrument: the air and the material around it, and whether the stop
+    relay is closed at wall times.
     """
 
     climate: AskClimate
@@ -320,7 +325,7 @@ def build_laser(
     clock: Clock,
     faults: FaultBoard,
 ) -> Talking | Answering:
-    """Return the sender on the laser's line."""
+    """Return the laser as the device on its line."""
     counter = Counter(sign=laser.sign, noise_um=laser.noise_um, seed=seed)
     match laser.format:
         case "nd" | "ids3010":

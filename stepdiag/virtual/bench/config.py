@@ -17,7 +17,7 @@ Three = tuple[float, float, float]
 
 
 class _Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A table of the file: unknown keys are refused."""
+    """A table of the configuration file; unknown keys are refused."""
 
 
 class VolumePart(_Part, frozen=True):
@@ -30,22 +30,23 @@ class VolumePart(_Part, frozen=True):
 
 
 class OffsetPart(_Part, frozen=True):
-    """A setup driven through a shifted beam: it is named ``ppp+1``, ``ppp+2`` in the order of the
-    file."""
+    """A setup that is driven through a shifted beam. Its names are ``ppp+1``, ``ppp+2`` in the
+    order of the file.
+    """
 
     setup: str
     offset_mm: Three
 
 
 class ProgramPart(_Part, frozen=True):
-    """The driven program; machine seconds. ``start`` is the beginning of a setup: after
-    ``pause_s``, or on command.
+    """The program of the control; its times are machine seconds. ``start`` states when a setup
+    begins: after ``pause_s``, or on command.
 
     ``decimals`` are the places to which a hand-written program rounds its positions; an
     ``incremental`` program (G91) rounds its steps. With ``overrun_mm`` 0 the program reverses at
     the last stop; without ``first_overrun`` only the first pass of a setup begins without overrun.
-    A ``patient`` machine moves and dwells until the recorder has polled it for most of this time
-    without a break (`stepdiag.virtual.plc.attention`).
+    A ``patient`` machine continues a move or a dwell until the recorder has polled for most of this
+    time without a break (`stepdiag.virtual.plc.attention`).
     """
 
     setups: tuple[str, ...] = ("ppp", "npp", "pnp", "ppn")
@@ -66,21 +67,21 @@ class ProgramPart(_Part, frozen=True):
 
 
 class TablePart(_Part, frozen=True):
-    """An error function given at nodes, linear between them: um or urad."""
+    """An error function in um or urad, given at nodes and linear between them."""
 
     position_mm: tuple[float, ...]
     value: tuple[float, ...]
 
 
 class MachinePart(_Part, frozen=True):
-    """The machine's errors: drawn by the seed with these amplitudes, then any function replaced by
-    a table.
+    """The errors of the machine: drawn by the seed with these amplitudes; a table replaces the
+    function of its name.
 
     ``repeatability_um`` and ``servo_um`` are standard deviations of an arrival of an axis
     (`stepdiag.virtual.drive.player.Drive`). ``screw_um`` is the amplitude of a periodic error of
-    each axis with the period ``screw_pitch_mm``, its phase drawn by the seed. ``growth_um_m`` is
-    the final growth of each axis, from its bearing at ``growth_bearing_mm``, with the time constant
-    ``growth_tau_s``; the machine had run for ``growth_begun_s`` when the bench starts.
+    each axis with the period ``screw_pitch_mm``; the seed draws the phase. ``growth_um_m`` is the
+    final growth of each axis, from its bearing at ``growth_bearing_mm``, with the time constant
+    ``growth_tau_s``; at the start of the bench the machine has already run for ``growth_begun_s``.
     """
 
     chain: str = "FXYZ"
@@ -112,7 +113,7 @@ class MachinePart(_Part, frozen=True):
 
 
 class HallPart(_Part, frozen=True):
-    """The courses of heat and air."""
+    """The courses of material temperature and air over time."""
 
     material_c: Course = Course(start=20.0)
     air_c: Course = Course(start=20.0)
@@ -121,8 +122,8 @@ class HallPart(_Part, frozen=True):
 
 
 class AlignmentPart(_Part, frozen=True):
-    """Alignment of laser and mirror: angles of these sizes in directions drawn by the seed, new for
-    every setup.
+    """Alignment errors of laser and mirror: angles of these sizes, in directions that the seed
+    draws anew for every setup.
     """
 
     mirror_mrad: float = 0.0
@@ -134,8 +135,8 @@ class AlignmentPart(_Part, frozen=True):
 
 
 class LaserPart(_Part, frozen=True):
-    """The laser and its port. ``rate_hz`` 0 is the rate of the board; ``link`` is the place of the
-    port, for ``wire = "serial"``.
+    """The laser and its port. A ``rate_hz`` of 0 means the usual rate of the instrument. ``link``
+    is the path of the serial port, for ``wire = "serial"``.
 
     ``chunk_s`` is the time for which the adapter holds bytes: the latency timer of an FTDI chip in
     its factory setting.
@@ -162,8 +163,9 @@ class LaserPart(_Part, frozen=True):
 
 
 class HeadPart(_Part, frozen=True):
-    """The 4-DOF head on its own line; it has light during ``fourdof`` runs only. Optics as in
-    `stepdiag.virtual.instruments.head`."""
+    """The 4-DOF head on its own line. The head has light during ``fourdof`` runs only. The optics
+    are described in `stepdiag.virtual.instruments.head`.
+    """
 
     format: Literal["fourdof", "tqd", "elcomat", "wyler"] = "fourdof"
     encoding: Literal["binary", "ascii"] = "binary"
@@ -194,10 +196,10 @@ class AirPart(_Part, frozen=True):
 class PlcPart(_Part, frozen=True):
     """The PLC: TCP on ``port`` (0: any free one) or RTU on the pty ``link``.
 
-    ``lag_s`` (wall seconds) is how far counter and position lag behind the stop signal.
-    ``positions`` are commanded or actual ones. The actual ones contain ``machine.servo_um`` and
-    scatter by ``scatter_um`` (standard deviation) from scan to scan; ``resolution_mm`` is the last
-    digit of the control.
+    ``lag_s`` is the time in wall seconds by which counter and position lag behind the stop signal.
+    ``positions`` selects commanded or actual positions. The actual positions contain
+    ``machine.servo_um`` and scatter by ``scatter_um`` (standard deviation) from scan to scan;
+    ``resolution_mm`` is the last digit of the control.
     """
 
     transport: Literal["tcp", "rtu"] = "tcp"
@@ -215,16 +217,18 @@ class PlcPart(_Part, frozen=True):
 
 
 class CompensationPart(_Part, frozen=True):
-    """Files loaded into the virtual control before it starts, relative to the configuration
-    file."""
+    """Files that are loaded into the virtual control before its start; their paths are relative to
+    the configuration file.
+    """
 
     control: Control
     files: tuple[str, ...]
 
 
 class BenchConfig(_Part, frozen=True):
-    """Everything. ``time_scale`` machine seconds pass in one wall second; ``seed`` draws all that
-    is random."""
+    """The whole configuration of a bench. ``time_scale`` machine seconds pass in one wall second;
+    ``seed`` draws all random values.
+    """
 
     seed: int = 1
     time_scale: float = 1.0
@@ -242,12 +246,14 @@ class BenchConfig(_Part, frozen=True):
 
 
 def load_config(text: str) -> BenchConfig:
-    """Return the bench described by a TOML text; raises ValueError naming the wrong field."""
+    """Return the configuration in a TOML text; raises ValueError that names the wrong field."""
     return msgspec.convert(tomllib.loads(text), BenchConfig)
 
 
 def read_config(file: Path) -> BenchConfig:
-    """Return the bench of a file, its compensation files resolved against the file's folder."""
+    """Return the configuration in a file; the paths of compensation files are completed with the
+    folder of this file.
+    """
     if file.stat().st_size > LARGEST_BYTES:
         raise ValueError(f"{file}: expected at most {LARGEST_BYTES} bytes")
     config = load_config(file.read_text(encoding="utf-8"))

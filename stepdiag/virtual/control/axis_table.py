@@ -1,5 +1,5 @@
-"""A compensation table in the common form of all controls: a curve over one axis that moves another
-(or the same) axis.
+"""A compensation table in a form common to all controls: a curve over the position of one axis, by
+which another axis (or the same axis) is moved.
 """
 
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from stepdiag.virtual.physics.error_functions import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisTable:
-    """The control's addition to ``output_axis`` (0, 1, 2) at a position of ``input_axis``; end
-    values are held outside.
+    """The correction that the control adds to ``output_axis`` (0, 1, 2) at a position of
+    ``input_axis``; beyond the ends the end values hold.
 
-    A positive ``correction_mm`` moves the axis in +, whatever the sense of the file was. ``travel``
-    is +1 or -1 for a table that acts in a single direction of the input axis, 0 for both.
-    ``stepped`` holds each value up to the next point instead of interpolating. ``factor`` is a
-    second table whose value is multiplied in.
+    A positive ``correction_mm`` moves the axis in +, whatever sign convention the file had.
+    ``travel`` is +1 or -1 for a table that acts in a single direction of the input axis, 0 for
+    both. With ``stepped``, each value holds up to the next point, without interpolation. The value
+    of a second table, ``factor``, is multiplied by the value of this table.
     """
 
     input_axis: int
@@ -38,8 +38,9 @@ class AxisTable:
             raise ValueError(f"table: expected ascending positions, found {self.position_mm}")
 
     def value_at(self, commanded_mm: Array) -> Array:
-        """Return the table's value at commanded positions (N, 3), shape (N,), without regard to
-        direction."""
+        """Return the table's value at commanded positions (N, 3), shape (N,), whatever the
+        direction of travel.
+        """
         position = commanded_mm[:, self.input_axis]
         nodes, values = np.array(self.position_mm), np.array(self.value_mm)
         value: Array
@@ -51,8 +52,8 @@ class AxisTable:
         return value if self.factor is None else value * self.factor.value_at(commanded_mm)
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:
-        """Return the corrections of the axes, shape (N, 3). Direction 0 means the mean of both
-        directions.
+        """Return the corrections of the axes, shape (N, 3). For direction 0, a correction is the
+        mean of both directions.
         """
         acting = (
             1.0

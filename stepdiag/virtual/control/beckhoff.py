@@ -1,8 +1,8 @@
 """A virtual ISG kernel with volumetric compensation: ISG_CSV files (TF5280, 296429067), values in
 mm and rad (296426379).
 
-Position errors have one row and no argument, functions a row per position of their axis; ``#``
-begins another heading.
+An error that is a number has one row and no argument, a function has a row per position of its
+axis; ``#`` begins another heading.
 """
 
 import numpy as np
@@ -13,8 +13,8 @@ from stepdiag.virtual.control.chain import SQUARENESS_TURNS, ChainTable, Nodes
 def load_volumetric(
     text: str, *, chain: str = "FXYZ", carries: bool = False, negate: str = ""
 ) -> ChainTable:
-    """Return the correction by a volumetric file on a machine of this chain. Raises ValueError for
-    a column unknown to the kernel.
+    """Return the correction by a volumetric file on a machine with this chain. Raises ValueError
+    for a column that the kernel does not know.
     """
     functions: dict[str, Nodes] = {}
     squareness: dict[str, float] = {}

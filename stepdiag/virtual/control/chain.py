@@ -1,5 +1,5 @@
-"""Controls with the chain of their axes: the effect of functions of single axes, turns and their
-levers among them, on the tool.
+"""The law of controls that know the kinematic chain: the effect of error functions of single axes,
+with their angles and Abbe arms, on the tool.
 """
 
 from collections.abc import Mapping
@@ -11,18 +11,20 @@ from stepdiag.virtual.physics.error_functions import AXES, Array
 from stepdiag.virtual.physics.kinematics import rotation_matrix, split_chain
 
 Nodes = tuple[Array, Array]
-"""Positions in mm and values (mm or rad) of one function, linear between and held outside."""
+"""An error function: positions in mm and values (mm or rad), linear between the positions and
+constant beyond them.
+"""
 SQUARENESS_TURNS = {"C0Y": (1, 2), "B0Z": (2, 1), "A0Z": (2, 0)}
-"""The axis whose travel leans, and the axis about which it is turned."""
+"""By squareness error: the axis that leans, and the axis about which the leaning axis is turned."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainTable:
-    """Functions by their ISO 230-1 names and squarenesses in rad; the tool is moved by their
-    opposite.
+    """Error functions by their ISO 230-1 names, and squarenesses in rad. The control moves the tool
+    by the opposite of these errors.
 
-    ``carries``: a leaning axis also turns the axes and parts that it carries, otherwise it leans
-    alone. ``before_travel``: the errors of every axis are nearer to the tool than its travel, on
+    With ``carries``, an axis that is out of square also turns the axes and parts that it carries.
+    With ``before_travel``, the errors of every axis act nearer to the tool than its travel, on
     either side of the bed. ``negated`` are output axes with reversed movement.
     """
 
@@ -34,13 +36,14 @@ class ChainTable:
     negated: str = ""
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:  # noqa: ARG002 - these tables know no direction of travel
-        """Return the corrections of the axes at commanded positions, shape (N, 3): levers count
-        from the zero of the axes."""
+        """Return the corrections of the axes at commanded positions, shape (N, 3): Abbe arms count
+        from the zero of the axes.
+        """
         work, tool = split_chain(self.chain)
         at = np.zeros_like(commanded_mm, dtype=np.float64)
         for axis in reversed(
             (*work, *tool)
-        ):  # from the tool to the table: each axis moves the point that stands on it
+        ):  # from the tool to the table: each axis moves the point that it carries
             travel = self._travel(axis, commanded_mm)
             inside = self.before_travel or axis in tool
             at = at if inside else at + travel

@@ -1,5 +1,6 @@
-"""Loading compensation files into the virtual control, by the law of the control they are written
-for."""
+"""Loading of compensation files into the virtual control, by the law of the control for which the
+files are written.
+"""
 
 import re
 from collections.abc import Sequence
@@ -28,9 +29,10 @@ def load_files(
 
     A LinuxCNC screw file belongs to the axis in its name (``screw_x.comp``, ``compX.dat``); a
     ``.hal`` file sets the matrix kinematics, a ``.csv`` is the lattice of the kinematics component.
-    A Beckhoff gets its ``chain``, a Heidenhain reads it in the rows of the kinematics table
-    (``.txt``). Options of a control (measuring system, detection unit) are arguments of
-    `load_siemens`, `load_fanuc`. Raises ValueError for contents refused by the control.
+    A Beckhoff needs the kinematic ``chain`` as an argument; a Heidenhain reads the chain in the
+    rows of the kinematics table (``.txt``). Options of a control (measuring system, detection unit)
+    are arguments of `load_siemens`, `load_fanuc`. Raises ValueError for contents that the control
+    refuses.
     """
     large = [file.name for file in files if file.stat().st_size > LARGEST_BYTES]
     if large:
@@ -52,8 +54,8 @@ def load_files(
 
 
 def _heidenhain(texts: dict[str, str]) -> ChainTable:
-    """Return the correction by .COM tables with the names of their axes, with the rows of the
-    kinematics table if there are any.
+    """Return the correction by .COM tables, whose file names are the names of their axes; with the
+    rows of a kinematics table, if one exists.
     """
     tables = {
         found[1]: text

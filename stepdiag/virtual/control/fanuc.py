@@ -1,8 +1,8 @@
 """A virtual FANUC control: stored pitch error compensation from punched parameter and pitch data.
 
 B-64303CM-1/01 section 1.3.1 and B-63980EN/01 p. 100: point N covers the section N-1 to N and holds
-the value added when the axis passes it in +; the compensation is output at the point, not
-interpolated. It is added to the command.
+the value that is added when the axis passes the point in +. The compensation is output at the
+point, without interpolation, and is added to the command.
 """
 
 import re
@@ -23,10 +23,10 @@ class _Memory:
     parameters: dict[int, dict[int, str]] = field(default_factory=dict)
     pitch: dict[int, int] = field(default_factory=dict)
     plain: dict[int, int] = field(default_factory=dict)
-    """Parameters that belong to no axis."""
+    """Numbers of parameters that belong to no axis."""
 
     def read(self, text: str) -> None:
-        """Read from the first % to the next one: text after a stray % is lost, as on the
+        """Read the lines from the first % to the next one: text after the next % is lost, as on the
         machine.
         """
         body = text.replace("\r", "\n").split("%")
@@ -50,8 +50,8 @@ class _Memory:
         return round(float(self._word(number, axis)))
 
     def length_mm(self, number: int, axis: int, least_input_mm: float) -> float:
-        """Return a length: with a decimal point in mm, without in least input units (older
-        controls).
+        """Return a length in mm: a number with a decimal point is in mm, one without in least input
+        units (older controls).
         """
         word = self._word(number, axis)
         return float(word) if "." in word else int(word) * least_input_mm
@@ -76,8 +76,8 @@ def load_fanuc(
     several files).
 
     An axis whose parameter 3624 (interval) is 0 or missing has no compensation. ``interpolated``:
-    series that interpolate between points. Raises ValueError for a missing parameter or pitch
-    point.
+    the series of the control interpolates between points. Raises ValueError for a missing parameter
+    or pitch point.
     """
     memory = _Memory()
     for text in texts:
@@ -105,11 +105,11 @@ def load_fanuc(
 def _straightness(
     memory: _Memory, number: int, unit_mm: float, least_input_mm: float
 ) -> list[AxisTable]:
-    """Return a straightness compensation: the values added to another axis at four pitch points of
-    the moving axis, with straight lines between.
+    """Return a straightness compensation: the values that are added to another axis at four pitch
+    points of the moving axis, with straight lines between the points.
 
-    B-63522EN/02 15.5; a set without a moving axis is off. The numbers of the parameters are those
-    of the virtual control only.
+    B-63522EN/02 15.5; a set of parameters without a moving axis is off. These parameter numbers are
+    valid only for the virtual control.
     """
     moving, compensated = (memory.plain.get(first + number, 0) for first in (5711, 5721))
     if not moving:
@@ -169,7 +169,7 @@ def _increment(memory: _Memory, point: int) -> int:
 
 
 def _absolute(increments: list[int], reference: int) -> list[int]:
-    """Return the sums of the increments, one value more than increments, zero at index
+    """Return the sums of the increments: one value more than there are increments, zero at index
     ``reference``.
     """
     sums = [0]

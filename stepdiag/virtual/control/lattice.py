@@ -1,5 +1,5 @@
 """A virtual control with a lattice over the volume: the values added to the axes at each vertex,
-trilinear between (A-79351E p. 3).
+trilinear between the vertices (A-79351E p. 3).
 """
 
 from dataclasses import dataclass
@@ -11,15 +11,17 @@ from stepdiag.virtual.physics.error_functions import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LatticeTable:
-    """Vectors in mm on a grid of three axes, shape (nx, ny, nz, 3); outside it the faces are
-    held."""
+    """Corrections in mm at the vertices of a grid over three axes, shape (nx, ny, nz, 3); outside
+    the grid the values of its faces hold.
+    """
 
     axes_mm: tuple[Array, Array, Array]
     vectors_mm: Array
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:  # noqa: ARG002 - a lattice knows no direction of travel
-        """Return the corrections of the axes at commanded positions, shape (N, 3): one axis after
-        the other is interpolated away."""
+        """Return the corrections of the axes at commanded positions, shape (N, 3); the lattice is
+        interpolated in one axis after another.
+        """
         moved = np.empty_like(commanded_mm, dtype=np.float64)
         for row, point in enumerate(commanded_mm):
             values = self.vectors_mm
@@ -30,7 +32,7 @@ class LatticeTable:
 
 
 def _between(axis: Array, values: Array, at: float) -> Array:
-    """Return the values at one position of their first axis."""
+    """Return values interpolated at one position of their first axis."""
     upper = int(np.clip(np.searchsorted(axis, at), 1, len(axis) - 1))
     share = min(max((at - axis[upper - 1]) / (axis[upper] - axis[upper - 1]), 0.0), 1.0)
     between: Array = (1.0 - share) * values[upper - 1] + share * values[upper]
@@ -38,8 +40,9 @@ def _between(axis: Array, values: Array, at: float) -> Array:
 
 
 def load_lattice(text: str) -> LatticeTable:
-    """Return the lattice in a CSV ``x_mm,y_mm,z_mm,cx_um,cy_um,cz_um``, rows in any order. Raises
-    ValueError where a vertex is missing."""
+    """Return the lattice in a CSV with the columns ``x_mm,y_mm,z_mm,cx_um,cy_um,cz_um`` and rows in
+    any order. Raises ValueError where a vertex is missing.
+    """
     rows = np.array(
         [[float(cell) for cell in line.split(",")] for line in text.splitlines()[1:] if line]
     )

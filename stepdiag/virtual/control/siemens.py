@@ -1,9 +1,10 @@
 """A virtual SINUMERIK: EEC and CEC tables from an INI file or the part program that loads them.
 
 Function manual K3 (6FC5397-1BP40-3BA1): EEC pp. 237-242, "a positive compensation value causes the
-corresponding machine axis to move in the negative direction"; CEC pp. 243-264, the same sense by a
-builder's production program. Values are absolute, linearly interpolated, the first and last are
-held outside. CEC looks at the setpoint of the base axis.
+corresponding machine axis to move in the negative direction"; CEC pp. 243-264; a machine builder's
+production program shows that CEC has the same sense. Values are absolute and linearly interpolated;
+beyond the ends the first and the last value hold. The input of CEC is the setpoint of the base
+axis.
 """
 
 import re
@@ -26,7 +27,7 @@ _OFF = ("0", "FALSE")
 
 @dataclass(slots=True)
 class _Memory:
-    """The system variables after the file: name -> index words -> text."""
+    """The system variables that a file has set: their texts by name and index."""
 
     cells: dict[str, dict[tuple[str, ...], str]] = field(default_factory=dict)
 
@@ -48,11 +49,12 @@ class _Memory:
 
 
 class SiemensControl:
-    """A control that keeps loaded values: a value that a later file does not write remains.
+    """A control that keeps loaded values: a later file leaves a value unchanged that it does not
+    write.
 
     Only EEC tables of ``measuring_system`` are active. A table that was switched off is inactive; a
-    table that no text ever switched counts as loaded into a control with the compensation on.
-    ``adds_linked``: see `_cross_tables`.
+    table that no file has switched on or off counts as switched on. ``adds_linked``: see
+    `_cross_tables`.
     """
 
     def __init__(
@@ -68,12 +70,12 @@ class SiemensControl:
         self._names = AXIS_NAMES | dict(axis_names or {})
 
     def load(self, text: str) -> None:
-        """Take the assignments of a data file or a part program over."""
+        """Store the assignments of a data file or a part program."""
         for line in text.splitlines():
             self._memory.store(line)
 
     def tables(self) -> list[AxisTable]:
-        """Return the tables that act now.
+        """Return the tables that are active now.
 
         Raises ValueError for an unwritten point (a real control would hold an older value there), a
         grid that does not fit or a rotary table.
@@ -117,12 +119,12 @@ def _leadscrew_tables(
 def _cross_tables(
     memory: _Memory, names: Mapping[str, int], *, adds_linked: bool = False
 ) -> list[AxisTable]:
-    """Return the active CEC tables. Two that are linked by $AN_CEC_MULT_BY_TABLE give their product
-    (K3 p. 249).
+    """Return the active CEC tables. Two tables that are linked by $AN_CEC_MULT_BY_TABLE give their
+    product (K3 p. 249).
 
     In the example of p. 252 only the product moves the axis, so a linked table adds no movement of
-    its own; ``adds_linked`` is the other reading of the words, a control that also adds both
-    tables.
+    its own; ``adds_linked`` is the other interpretation of the manual: a control that also adds
+    both tables.
     """
     active = [index for index in memory.indices("AN_CEC_STEP") if not _is_off(memory, index)]
     linked = {

@@ -1,4 +1,5 @@
-"""The running control: the commanded place of every axis at any moment, and the machine's signals.
+"""The running control: the commanded position of every axis at any time, and the signals of the
+machine.
 
 Time is machine time in seconds from the start of the bench. The player only moves forward; readers
 may read a short time back.
@@ -18,18 +19,19 @@ from stepdiag.virtual.physics.error_functions import Array
 
 _HISTORY = 512
 _HELD_S = 0.1
-"""Time in s by which a held step is prolonged before the next check."""
+"""Time in s by which a step that must last longer is prolonged before the next check."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Segment:
-    """A step as it is played: from ``start_s`` to ``end_s`` (infinite while unknown), ``number``
-    counts from 0.
+    """A step of the program with its times, from ``start_s`` to ``end_s`` (infinite while unknown);
+    ``number`` counts the steps from 0.
 
-    ``stop_count`` is the counter from its beginning on. ``from_mm`` and ``to_mm`` are commanded,
-    ``true_from_mm`` and ``true_to_mm`` are the real places of the axes: an axis that does not move
-    keeps its place. ``servo_um`` is the part of this difference that the encoders show, at begin
-    and end. ``approach`` is the sign of each axis' last movement.
+    ``stop_count`` is the value of the stop counter from the beginning of the step on. ``from_mm``
+    and ``to_mm`` are commanded positions, ``true_from_mm`` and ``true_to_mm`` the real positions of
+    the axes; an axis that does not move keeps its real position. ``servo_um`` is the part of the
+    difference between real and commanded position that the encoders show, at the beginning and at
+    the end of the step. ``approach`` is the sign of each axis' last movement.
     """
 
     number: int
@@ -50,7 +52,7 @@ class Segment:
 
     @property
     def distance_mm(self) -> float:
-        """Return the length of the move."""
+        """Return the length of the move in mm."""
         return float(np.linalg.norm(self.to_mm - self.from_mm))
 
 
@@ -59,9 +61,9 @@ class Drive:
     """Motion of the axes: trapezoidal speed, then a decaying ring of the structure, over a
     permanent hum.
 
-    Each move of an axis draws an error of arrival along this axis (standard deviations):
-    ``repeatability_um`` is not visible to the encoder, ``servo_um`` is the position error at
-    standstill, which the encoder shows.
+    Each move of an axis draws two errors of arrival along this axis, with these standard
+    deviations: the encoder does not show ``repeatability_um``; it shows ``servo_um``, the position
+    error at standstill.
     """
 
     feed_mm_min: float = 2000.0
@@ -75,7 +77,7 @@ class Drive:
     servo_um: float = 0.0
 
     def duration_s(self, distance_mm: float) -> float:
-        """Return how long a move takes."""
+        """Return the duration of a move in s."""
         peak = self._peak_mm_s(distance_mm)
         return (
             distance_mm / peak + peak / self.acceleration_mm_s2 if distance_mm > 0.0 else 0.0
@@ -85,7 +87,7 @@ class Drive:
         return min(self.feed_mm_min / 60.0, math.sqrt(distance_mm * self.acceleration_mm_s2))
 
     def fraction(self, distance_mm: float, elapsed_s: Array) -> Array:
-        """Return how much of a move is done, 0 to 1, shape like ``elapsed_s``."""
+        """Return the part of a move that is done, 0 to 1, shape like ``elapsed_s``."""
         if distance_mm <= 0.0:
             return np.ones_like(elapsed_s)
         peak, acceleration = self._peak_mm_s(distance_mm), self.acceleration_mm_s2
@@ -98,8 +100,8 @@ class Drive:
         return done
 
     def ring_um_at(self, segment: Segment, time_s: Array) -> Array:
-        """Return the swing of the structure along the last move, shape (N,); zero while the axes
-        move.
+        """Return the oscillation of the structure along the last move, shape (N,); zero while the
+        axes move.
         """
         if segment.step.kind == "move":
             return np.zeros_like(time_s)
@@ -113,8 +115,8 @@ class Drive:
 
 
 class Player:
-    """Plays the steps of a program. Safe to use from several threads. A move and a signalled dwell
-    end only when ``hold`` permits it.
+    """Executes the steps of a program. Several threads may use a player. A move and a signalled
+    dwell end only when ``hold`` permits it.
     """
 
     def __init__(
@@ -158,7 +160,7 @@ class Player:
         self._segments.append(at_home)
 
     def advance(self, to_s: float) -> Segment:
-        """Play up to ``to_s`` and return the segment of that moment."""
+        """Execute the program up to ``to_s`` and return the segment of that time."""
         with self._lock:
             self._now_s = max(self._now_s, to_s)
             while True:
@@ -169,12 +171,12 @@ class Player:
                 self._enter(current)
 
     def capture(self, stop_count: int, at_s: float) -> None:
-        """Process the handshake: the stop with this counter has been captured."""
+        """Process the handshake: the recorder has captured the stop with this counter."""
         with self._lock:
             self._captured = (stop_count, at_s)
 
     def forget_captured(self) -> None:
-        """Lose the handshake, like a PLC that restarts: a running dwell waits for a new
+        """Discard the handshake, like a PLC that restarts: a running dwell waits for a new
         handshake.
         """
         with self._lock:
@@ -183,8 +185,8 @@ class Player:
                 last.end_s = math.inf
 
     def start(self, at_s: float, first: Iterable[Step] = ()) -> None:
-        """Begin the next setup that waits for a start, after the steps ``first``; a start before
-        the machine waits is ignored.
+        """Begin the next setup, after the steps ``first``, if the machine waits for a start;
+        otherwise the start is ignored.
         """
         with self._lock:
             if (
@@ -195,9 +197,7 @@ class Player:
             self._started_s = at_s
 
     def span(self, first_s: float, last_s: float) -> list[Segment]:
-        """Return the segments that cover ``first_s`` .. ``last_s`` in order, if they are still
-        stored.
-        """
+        """Return the stored segments between ``first_s`` and ``last_s``, in order."""
         self.advance(last_s)
         with self._lock:
             return [
@@ -213,7 +213,9 @@ class Player:
         return self._segments[0]
 
     def _decide_end(self, segment: Segment) -> None:
-        """End a segment whose awaited event has occurred, and continue with a held segment."""
+        """End a segment that waited for an event, if the event has occurred; prolong a segment that
+        must last longer.
+        """
         step = segment.step
         if segment.end_s != math.inf:
             if segment.end_s <= self._now_s and self._held(segment):
@@ -229,8 +231,8 @@ class Player:
             segment.end_s = max(segment.start_s + step.duration_s, self._captured[1])
 
     def _held(self, segment: Segment) -> bool:
-        """Return whether a dwell continues, or an axis is in position without a signal. With a
-        handshake no look is needed.
+        """Return whether a step must last longer: a move or a signalled dwell that the recorder has
+        not polled enough. With a handshake no step is prolonged.
         """
         shown = segment.step.kind == "move" or (
             segment.step.kind == "dwell" and segment.step.signalled
@@ -269,8 +271,8 @@ class Player:
             self._on_enter(segment)
 
     def _arrive(self, last: Segment, target: Array) -> tuple[Array, Array]:
-        """Return the places of the axes after a move, and their errors in the encoders, both
-        (3,).
+        """Return the real positions of the axes after a move, and the errors of arrival that their
+        encoders show, both (3,).
         """
         drawn_um = self._rng.normal(size=(2, 3)) * [
             [self._drive.repeatability_um],

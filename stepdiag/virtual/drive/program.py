@@ -14,7 +14,7 @@ from stepdiag.virtual.drive.sequence import Box, DrivenPass, axis_of_run, driven
 from stepdiag.virtual.physics.error_functions import Array
 
 _GAP_S = 0.2
-"""Time during which the program is not at a stop although no axis moves."""
+"""Time in s during which the program is not at a stop although no axis moves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,10 +22,10 @@ class Step:
     """The next step of the control.
 
     A move ends at ``target_mm`` (3,); dwells and pauses have no movement. ``duration_s`` applies to
-    dwells and pauses, infinite until the program is started. ``counts`` is the stop's addition to
-    the stop counter; a stop that is not ``signalled`` gives no signal. ``setup`` is empty between
-    two programs, ``pass_number`` is 0 before the first pass; during an ``alarm`` the program does
-    not run.
+    dwells and pauses, infinite until the program is started. ``counts`` is added to the stop
+    counter at this stop; a stop that is not ``signalled`` gives no signal. ``setup`` is empty
+    between two programs, ``pass_number`` is 0 before the first pass; during an ``alarm`` the
+    program does not run.
     """
 
     kind: Literal["move", "dwell", "pause"]
@@ -43,8 +43,8 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """The plan of the drive: setups in order, ``passes`` of each, odd passes outward. ``pause_s``
-    None waits for a start each time.
+    """The plan of the drive: setups in order, ``passes`` of each, odd passes outward. With
+    ``pause_s`` None, the program waits for a start before each setup.
 
     ``overrun_mm`` is the distance beyond the first stop of a pass, so that every axis reaches this
     stop in the direction of the pass; without ``first_overrun`` the program overruns only at the
@@ -60,8 +60,8 @@ class Plan:
     first_overrun: bool = True
     pause_s: float | None = 2.0
     commission_s: tuple[float, float, float] | None = None
-    """Times in s for which the first pass of a run of the head stands at a jog, with wobble and
-    without light, to commission the head on its way.
+    """Times in s for which the first pass of a run of the head stands at a jog, with a wobble, and
+    without light: the head is commissioned during this pass.
     """
 
 
@@ -79,7 +79,7 @@ def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
 
 
 def again(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
-    """Yield the steps of a repeated setup, and the wait after it."""
+    """Yield the steps of a repeated setup, and the wait after the setup."""
     yield from _setup_steps(plan, setup, faults)
     yield Step(
         kind="pause",
@@ -104,7 +104,9 @@ def _setup_steps(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
 
 
 def _approach(plan: Plan, driven: DrivenPass, stop: int) -> Iterator[Step]:
-    """Overrun a stop, so that every axis arrives in the direction of the pass."""
+    """Yield the moves that overrun a stop, so that every axis arrives in the direction of
+    the pass.
+    """
     before = _before(driven, stop, plan.overrun_mm)
     place = Step(kind="move", target_mm=before, setup=driven.setup, pass_number=driven.number)
     yield place
@@ -149,8 +151,8 @@ def _pass_steps(plan: Plan, driven: DrivenPass, faults: FaultBoard) -> Iterator[
 def _commissioning(
     stand_s: tuple[float, float, float], driven: DrivenPass, stop: int
 ) -> Iterator[Step]:
-    """Jog the other axes at the near end, before the second stop, and at the far end, before the
-    last; wobble, and block the beam there.
+    """Yield jogs of the other axes at the near end (before the second stop) and at the far end
+    (before the last stop); wobble and block the beam at both ends.
     """
     ends = [end for end, at in ((0, 1), (-1, len(driven.stop_mm) - 1)) if stop == at]
     for end in ends:
@@ -180,8 +182,8 @@ def _commissioning(
 
 
 def _jogs(axis: int, stand_s: float) -> Iterator[tuple[Array, float]]:
-    """Yield places beside the line and the time of standing there; each place is approached from
-    below.
+    """Yield places beside the line, and the duration of standing at each; each place is approached
+    from below.
     """
     first, second = (np.eye(3)[other] for other in range(3) if other != axis)
     lead = -0.4 * (first + second)
@@ -194,7 +196,7 @@ def _jogs(axis: int, stand_s: float) -> Iterator[tuple[Array, float]]:
 
 
 def _feed_hold(driven: DrivenPass, stop: int, duration_s: float) -> Iterator[Step]:
-    """Stand half way to a stop: the axes stand still before the program reaches its dwell."""
+    """Yield a standstill half way to a stop, before the program reaches its dwell."""
     half_mm: Array = 0.5 * (driven.stop_mm[stop - 1] + driven.stop_mm[stop])
     move = Step(kind="move", target_mm=half_mm, setup=driven.setup, pass_number=driven.number)
     yield move

@@ -13,8 +13,8 @@ class PositionRegisters:
     """The position registers of the control at a stop.
 
     ``shows``: the commanded position, or the actual (encoder) position. ``scatter_um`` is the
-    standard deviation of an actual position from reading to reading although the axis stands;
-    ``resolution_mm`` is the last digit, 0 for none.
+    standard deviation of the actual position of a standing axis from reading to reading.
+    ``resolution_mm`` is the last digit of a position, 0 without rounding.
     """
 
     shows: Literal["commanded", "actual"] = "commanded"

@@ -21,7 +21,7 @@ REGISTER_OF_SETUP = {
     "fourdof-y": 22,
     "fourdof-z": 23,
 }
-"""Values of the machine's ``setup`` register (contract 2)."""
+"""The setups with their values in the machine's ``setup`` register (contract 2)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +78,7 @@ def outward_stops_mm(box: Box, setup: str, axis_order: str = "xyz") -> Array:
     along one axis.
 
     A diagonal starts where ``p`` axes are low and ``n`` axes high and moves one axis at a time in
-    ``axis_order``; a run along one axis leaves the others at their low end.
+    ``axis_order``; a run along one axis leaves the other axes at their low end.
     """
     signs = np.sign(outward_direction(box, setup))
     low = np.array(box.origin_mm, dtype=np.float64)
@@ -95,7 +95,7 @@ def outward_stops_mm(box: Box, setup: str, axis_order: str = "xyz") -> Array:
 
 
 def _written(stop_mm: Array, box: Box) -> Array:
-    """Return the positions in the NC program, shape like ``stop_mm``."""
+    """Return the positions as the NC program writes them, shape like ``stop_mm``."""
     if box.decimals is None:
         return stop_mm
     if not box.incremental:
@@ -116,8 +116,9 @@ def _moved_axes(setup: str, axis_order: str) -> Iterator[int]:
 
 @dataclass(frozen=True, slots=True)
 class DrivenPass:
-    """One pass: ``stop_mm`` (M, 3) in the order visited, ``approach`` (3,) the sign of every axis'
-    approach, 0 if it never moves."""
+    """A pass: ``stop_mm`` (M, 3) in the order of driving; ``approach`` (3,) is the sign of every
+    axis' approach, 0 for an axis that never moves.
+    """
 
     setup: str
     number: int
@@ -126,8 +127,9 @@ class DrivenPass:
 
 
 def driven_pass(box: Box, setup: str, number: int, axis_order: str = "xyz") -> DrivenPass:
-    """Return pass ``number`` (from 1): odd passes go outward, even passes visit the same stops in
-    reverse."""
+    """Return the pass with this ``number`` (from 1): odd passes go outward, even passes visit the
+    same stops in reverse.
+    """
     stops = outward_stops_mm(box, setup, axis_order)
     approach = np.sign(outward_direction(box, setup))
     if number % 2 == 0:

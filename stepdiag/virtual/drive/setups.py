@@ -1,4 +1,6 @@
-"""Laser and target set up for a diagonal or a line, with the alignment errors of a person."""
+"""Laser and target, set up for a diagonal or a line, with the alignment errors that a person
+makes.
+"""
 
 from dataclasses import dataclass
 
@@ -25,7 +27,7 @@ from stepdiag.virtual.physics.optics import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alignment:
-    """Imperfections of a set-up.
+    """Alignment errors of a set-up.
 
     ``mirror_mrad`` tilts the mirror's normal and ``beam_mrad`` the beam away from the machine's
     diagonal or axis, each towards the level and the upright perpendicular of this direction.

@@ -1,4 +1,4 @@
 """Lasers and the 4-DOF head on serial lines.
 
-In: the optical path. Out: bytes as the instrument would send them. Imported by bench.
+In: the optical path. Out: bytes as the instrument would send them. `bench` imports this package.
 """

@@ -1,5 +1,5 @@
-"""Instruments of angles: an autocollimator before a mirror on the tool, a level on the tool; their
-output on the wire.
+"""Instruments for angles: an autocollimator in front of a mirror on the tool, and a level on the
+tool; and the bytes that they send.
 """
 
 from collections.abc import Callable
@@ -16,17 +16,20 @@ from stepdiag.virtual.physics.machine import Machine
 
 ARCSEC_RAD = np.pi / 180.0 / 3600.0
 Look = Callable[[Array], Array]
-"""Wall times (N,) to rotations of the tool about X, Y, Z in arc-seconds and the axis that runs, (N,
-4); NaN outside of its own runs."""
+"""A function from wall times (N,) to rotations of the tool about X, Y, Z in arc-seconds and the
+number of the moving axis, (N, 4); NaN outside the instrument's own runs.
+"""
 ACROSS = {0: (2, 1), 1: (2, 0), 2: (0, 1)}
-"""The two rotations measured by an autocollimator along an axis, the upright rotation first."""
+"""By axis: the two rotations that an autocollimator along this axis measures, the rotation about
+the upright first.
+"""
 LEVEL = {0: 0, 1: 1, 2: 0}
-"""The rotation measured by a level across an axis."""
+"""By axis: the rotation that a level across this axis measures."""
 
 
 class AngleView:
-    """The turn of the tool with its mirror or level, visible while the instrument's own runs are
-    driven.
+    """The rotation of the tool with its mirror or level; it is visible only during the runs of the
+    instrument.
     """
 
     def __init__(
@@ -47,7 +50,7 @@ class AngleView:
         self._rng = np.random.default_rng(seed)
 
     def look(self, wall_s: Array) -> Array:
-        """Return rotations and axis at ascending wall times, shape (N, 4)."""
+        """Return rotations and number of the moving axis at ascending wall times, shape (N, 4)."""
         machine_s = wall_s * self._clock.scale
         followed = track(self._player, self._drive, machine_s)
         seen = np.full((len(wall_s), 4), np.nan)
@@ -80,14 +83,14 @@ class Autocollimator(Counting):
         self._streams = False
 
     def respond(self, received: bytes) -> bytes:
-        """Take single letters."""
+        """Process received letters one by one."""
         for letter in received:
             self._streams = {ord("A"): True, ord("s"): False}.get(letter, self._streams)
         return b""
 
     def speak(self, wall_s: Array) -> bytes:
-        """Return a line per sample; a status without a valid axis if no mirror is before the
-        instrument.
+        """Return a line per sample; if no mirror is in front of the instrument, its status names no
+        valid axis.
         """
         return b"".join(map(self._line, self._look(wall_s))) if self._streams else b""
 
@@ -105,14 +108,14 @@ class Level:
         self._look = look
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the requests."""
+        """Return the complete requests in the received bytes."""
         return [b"P"] * received.count(b"P")
 
     def answer(self, request: bytes, wall_s: float) -> bytes:  # noqa: ARG002 - it knows one
-        """Return name, angle, name, temperature."""
+        """Return the answer to a request: name, angle, name, temperature."""
         seen = self._look(np.array([wall_s]))[0]
         angle = 0.0 if np.isnan(seen[3]) else seen[LEVEL[int(seen[3])]]
         return f"1 {angle:+.3f} 2 {20.5:+.2f}\r".encode("ascii")
 
     def watch(self, wall_s: float) -> None:
-        """Do nothing: unread measurements have no effect."""
+        """Do nothing: measurements that nobody requests have no effect."""

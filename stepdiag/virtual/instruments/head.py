@@ -2,9 +2,9 @@
 traced ray by ray.
 
 A collimated beam leaves the source. On the moving unit a half mirror sends a part of it back (to
-lens 2 and PSD2), the rest goes to a corner cube, comes back displaced and is split between the
-quadrant detector and lens 1 with PSD1. No equation of the paper is used here: signs and levers
-follow from the geometry.
+lens 2 and PSD2), the other part goes to a corner cube, comes back displaced and is split between
+the quadrant detector and lens 1 with PSD1. This module uses no equation of the paper: signs and
+levers follow from the geometry.
 """
 
 import math
@@ -22,8 +22,8 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wander:
-    """A slow random motion in two lateral directions: four swings of random phase, together at most
-    ``amplitude`` in each direction.
+    """A slow random motion in two lateral directions: four oscillations of random phase, together
+    at most ``amplitude`` in each direction.
     """
 
     amplitude: float = 0.0
@@ -48,10 +48,10 @@ class Wander:
 class SpotDetector:
     """Mounting and scale of a detector.
 
-    ``sign`` per axis is the effect of fold mirrors and splitters on right and up, ``rotation_mrad``
-    its roll, x towards y, ``gain`` the gain of its differences. As shares of the full sum:
-    ``noise`` of difference and sum, both without light (``dark``), and the ``ceiling``, the largest
-    sum of the electronics.
+    ``sign`` is, per axis, the effect of fold mirrors and splitters on right and up.
+    ``rotation_mrad`` is the roll of the detector, x towards y, ``gain`` the gain of its
+    differences. Shares of the full sum are: ``noise``, the noise of differences and sum; ``dark``,
+    their values without light; ``ceiling``, the largest sum that the electronics give.
     """
 
     sign: Pair = (1.0, 1.0)
@@ -63,7 +63,7 @@ class SpotDetector:
     ceiling: float = math.inf
 
     def face_mm(self, spot_mm: Array) -> Array:
-        """Return the place of a spot (N, 2) in the detector's own axes, shape (N, 2)."""
+        """Return the positions of a spot (N, 2) in the detector's own axes, shape (N, 2)."""
         cosine, sine = (
             math.cos(self.rotation_mrad * 1e-3),
             math.sin(self.rotation_mrad * 1e-3),
@@ -74,8 +74,9 @@ class SpotDetector:
         return faced
 
     def counts(self, response: Array, light: Array, rng: np.random.Generator) -> Counts:
-        """Return difference x, difference y and sum for responses (N, 2) in -1 .. 1 and light (N,)
-        in 0 .. 1, shape (N, 3)."""
+        """Return difference x, difference y and sum of a detector, shape (N, 3), for normalised
+        differences (N, 2) in -1 .. 1 and light (N,) in 0 .. 1.
+        """
         ideal = np.column_stack(
             [response * np.array(self.gain) * light[:, None], light]
         ) + np.array(self.dark)
@@ -87,12 +88,13 @@ class SpotDetector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadOptics:
-    """The fixed unit. Radii are those of the Gaussian beam at 1/e2, the waist lies at the source.
+    """The optics of the fixed unit. Radii are those of the Gaussian beam at 1/e2; the waist lies at
+    the source.
 
     ``spot_growth_per_m`` is a further growth of the radius, per metre of distance, as with a poor
-    collimator. ``qd_path_mm`` is the way from the source's plane back to the QD. A PSD is linear
-    over ``psd_half_mm`` in each direction; ``psd*_defocus_mm`` is its distance behind the focus of
-    its lens, which is in the source's plane.
+    collimator. ``qd_path_mm`` is the path from the source's plane back to the QD. A PSD is linear
+    over ``psd_half_mm`` in each direction; ``psd*_defocus_mm`` is the distance of the PSD behind
+    the focus of its lens; the lens is in the source's plane.
     """
 
     wavelength_nm: float = 635.0
@@ -109,7 +111,7 @@ class HeadOptics:
     psd2: SpotDetector = field(default_factory=SpotDetector)
 
     def spot_radius_mm(self, path_mm: Array) -> Array:
-        """Return the beam's radius after a path, shape (N,)."""
+        """Return the radius of the beam after a path, shape (N,)."""
         rayleigh_mm = math.pi * self.waist_mm**2 / (self.wavelength_nm * 1e-6)
         poor = 1.0 + 0.5e-3 * self.spot_growth_per_m * path_mm
         radius: Array = self.waist_mm * poor * np.sqrt(1.0 + (path_mm / rayleigh_mm) ** 2)
@@ -118,8 +120,8 @@ class HeadOptics:
 
 @dataclass(frozen=True, slots=True)
 class HeadStand:
-    """The place of the fixed unit: ``source_mm`` and three unit vectors, all (3,): ``beam``, and
-    right and up of the detectors.
+    """The mounting of the fixed unit: its place ``source_mm`` and three unit vectors, all (3,):
+    ``beam``, and the detectors' right and up.
     """
 
     source_mm: Array
@@ -139,8 +141,8 @@ class HeadStand:
 
 @dataclass(frozen=True, slots=True)
 class Spots:
-    """The spots of the light, in mm, (N, 2) each: on the QD's plane and in the focal planes;
-    ``path_mm`` (N,) to the QD.
+    """The spots of the light in mm, (N, 2) each: on the plane of the QD and in the focal planes of
+    the PSDs; ``path_mm`` (N,) is the path to the QD.
     """
 
     qd_mm: Array
@@ -151,10 +153,10 @@ class Spots:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """Disturbances of the beam: the source's pointing (urad) and air that bends the beam on its way
-    out and back (urad per metre).
+    """Disturbances of the beam: the pointing of the source (urad), and the bending by the air on
+    the way out and back (urad per metre).
 
-    ``wobble_urad`` is the pointing by hand during the commissioning of the head.
+    ``wobble_urad`` is the change of the pointing by hand during the commissioning of the head.
     """
 
     pointing_urad: Wander = field(default_factory=Wander)
@@ -163,8 +165,8 @@ class Disturbance:
 
 
 class VirtualHead:
-    """Fixed unit and moving unit, aligned so that all spots are centred at ``aligned`` (a pose)
-    without disturbance.
+    """The head, with fixed unit and moving unit. The units are aligned: at the pose ``aligned`` and
+    without disturbance all spots are centred.
 
     ``vertex_mm`` is the corner cube's vertex in the coordinates of the frame of the moving unit.
     The half mirror faces the beam at the aligned pose.
@@ -190,8 +192,9 @@ class VirtualHead:
         self._centre = self._trace(aligned, still, still)
 
     def spots(self, pose: Pose, time_s: Array, wobbled: Array | None = None) -> Spots:
-        """Return the spots, relative to their centred places, for poses of the carrying frame at
-        these times."""
+        """Return the spots, relative to their centred positions, for poses of the frame that
+        carries the moving unit, at these times.
+        """
         pointing = self._disturbance.pointing_urad.at(time_s) * 1e-6
         if wobbled is not None:
             pointing = (
@@ -235,8 +238,9 @@ class VirtualHead:
         return np.concatenate(readings, axis=1)
 
     def _trace(self, pose: Pose, pointing: Array, bending_per_mm: Array) -> Spots:
-        """Follow the ray out, and back from cube and mirror. ``bending_per_mm`` is the change of
-        slope per mm, out and back alike."""
+        """Return the spots of the ray that goes out and comes back from cube and mirror.
+        ``bending_per_mm`` is the change of the ray's slope per mm, the same out and back.
+        """
         stand, optics = self._stand, self._optics
         vertex = pose.point_mm(self._vertex_mm)
         out = stand.beam + stand.across(pointing)
@@ -277,8 +281,9 @@ class VirtualHead:
 def _focused(
     stand: HeadStand, at_lens: Array, direction: Array, focal_mm: float, defocus_mm: float
 ) -> Array:
-    """Return the spot behind a thin lens at the source's plane: height x and slope s give x + (f +
-    d)(s - x / f)."""
+    """Return the position of a spot behind a thin lens in the source's plane: height x and slope s
+    give x + (f + d)(s - x / f).
+    """
     height = stand.lateral(at_lens - stand.source_mm)
     slope = stand.lateral(direction)
     spot: Array = height + (focal_mm + defocus_mm) * (slope - height / focal_mm)
@@ -286,7 +291,7 @@ def _focused(
 
 
 def dark_channels(optics: HeadOptics, count: int, rng: np.random.Generator) -> Counts:
-    """Return the counts of the detectors without light, shape (count, 9)."""
+    """Return the values of the detectors in counts without light, shape (count, 9)."""
     nothing, light = np.zeros((count, 2)), np.zeros(count)
     detectors = (optics.qd, optics.psd1, optics.psd2)
     return np.concatenate(

@@ -1,5 +1,5 @@
-"""Output of heads on the wire: `fourdof` frames (docs/fourdof-frames.md) and the Thorlabs quadrant
-detector (APT messages).
+"""The bytes that heads send: `fourdof` frames (docs/fourdof-frames.md), and the messages (APT) of
+the Thorlabs quadrant detector.
 """
 
 import struct
@@ -13,7 +13,7 @@ from stepdiag.virtual.instruments.head import Counts
 from stepdiag.virtual.physics.error_functions import Array
 
 Look = Callable[[Array], Counts]
-"""Wall times (N,) to x, y and sum of QD, PSD1 and PSD2, shape (N, 9)."""
+"""A function from wall times (N,) to x, y and sum of QD, PSD1 and PSD2, shape (N, 9)."""
 
 _SYNC = b"\xf4\xd0"
 _SATURATION_COUNTS = 8_000_000
@@ -45,7 +45,7 @@ class FourdofHead(Counting):
         self._encoding = encoding
 
     def speak(self, wall_s: Array) -> bytes:
-        """Return one frame a sample."""
+        """Return the frames of these samples, one frame per sample."""
         return b"".join(self._frame(values) for values in self._look(wall_s).tolist())
 
     def _frame(self, values: list[int]) -> bytes:
@@ -69,10 +69,11 @@ _FULL_SCALE = 32767
 
 
 class QuadrantDetector:
-    """A KPA101/TPA101: only the QD, read by message 0871h
+    """A KPA101/TPA101, a head with a QD only; message 0871h reads it
     (`stepdiag.virtual.instruments.talker.Answering`).
 
-    Full sum of the optics is 8 V of the 20 V range; x is inverted, as known for these units.
+    The full sum of the optics is 8 V of the 20 V range. The sign of x is inverted, as in the real
+    units.
     """
 
     def __init__(self, look: Look, *, full_sum: float) -> None:
@@ -81,7 +82,7 @@ class QuadrantDetector:
         self._pending = b""
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete short messages."""
+        """Return the complete short messages in the received bytes."""
         self._pending += received
         whole = len(self._pending) // _HEADER * _HEADER
         messages = [
@@ -91,7 +92,9 @@ class QuadrantDetector:
         return messages
 
     def answer(self, request: bytes, wall_s: float) -> bytes:
-        """Return the readings; every other message gets no answer."""
+        """Return the readings for the message that requests them; any other message gets no
+        answer.
+        """
         if request != _ASK:
             return b""
         x, y, total = (value * self._volts for value in self._look(np.array([wall_s]))[0, :3])
@@ -103,4 +106,4 @@ class QuadrantDetector:
         return _TELL + struct.pack("<HhhHhh", 3, *difference, level, 0, 0)
 
     def watch(self, wall_s: float) -> None:
-        """Do nothing: a quadrant detector has no memory."""
+        """Do nothing: the quadrant detector keeps no samples."""

@@ -1,8 +1,8 @@
 """Lasers with a public interface, by the documents of their makers: attocube IDS3010, Lasertex
 HPI-3D (uLine F1), quTools quDIS.
 
-Written from the public specifications named in docs/lasers.md, not from the decoders. The IDS
-answers single questions, the other two stream on request.
+These lasers are written from the public specifications named in docs/lasers.md, not from the
+decoders. The IDS3010 answers single requests; the HPI-3D and the quDIS send a stream on request.
 """
 
 import json
@@ -18,7 +18,7 @@ from stepdiag.virtual.physics.error_functions import Array
 
 @dataclass(frozen=True, slots=True)
 class Climate:
-    """Air and material at a moment."""
+    """A function that returns the values of air and material at a time."""
 
     air_c: float
     pressure_hpa: float
@@ -30,8 +30,8 @@ AskClimate = Callable[[], Climate]
 
 
 class Ids3010:
-    """The IDS3010's JSON-RPC: an object per request, a line ended by CR LF per answer; displacement
-    in pm, contrast in per mille.
+    """The JSON-RPC of the IDS3010: a request is a JSON object, an answer is a line that ends with
+    CR LF; displacement in pm, contrast in per mille.
     """
 
     def __init__(self, climate: AskClimate, *, axis: int = 1, contrast: int = 800) -> None:
@@ -41,7 +41,9 @@ class Ids3010:
         self._received = ""
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete requests in the stream so far: objects need no separator."""
+        """Return the complete requests in the bytes received so far: JSON objects need no
+        separator.
+        """
         self._received += received.decode("utf-8", "replace")
         complete: list[bytes] = []
         decoder = json.JSONDecoder()
@@ -81,7 +83,7 @@ class Ids3010:
 
 
 def lasertex_crc(data: bytes) -> int:
-    """Return the checksum: polynomial 31h, start FFh, most significant bit first."""
+    """Return the checksum of a telegram: polynomial 31h, start FFh, most significant bit first."""
     register = 0xFF
     for byte in data:
         register ^= byte
@@ -91,10 +93,10 @@ def lasertex_crc(data: bytes) -> int:
 
 
 class Lasertex:
-    """The HPI-3D: 25 readings a second once distances are on, its wireless sensors once a second
-    once the weather is on.
+    """The HPI-3D: 25 readings a second when distances are switched on, and its wireless sensors
+    once a second when the weather is switched on.
 
-    A lost signal is held as a flag until command B03Dh drops it.
+    After a lost signal a flag stays set until command B03Dh clears it.
     """
 
     rate_hz = 25.0
@@ -108,16 +110,16 @@ class Lasertex:
         self._samples = 0
 
     def banner(self) -> bytes:
-        """Discard the switched settings; send nothing."""
+        """Discard all settings; send nothing."""
         self._distance = self._weather = self._held = False
         return b""
 
     def skip(self, count: int) -> None:
-        """Pass over samples without output."""
+        """Skip samples that are not sent."""
         self._samples += count
 
     def respond(self, received: bytes) -> bytes:
-        """Process commands; return their acknowledgements."""
+        """Process the received commands; return their acknowledgements."""
         self._received += received
         answer = b""
         while len(self._received) >= 8:
@@ -129,7 +131,7 @@ class Lasertex:
         return answer
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
-        """Return the frames of these samples."""
+        """Return the frames with these samples."""
         answer = b""
         for position_mm, present in zip(reading_mm.tolist(), beam.tolist(), strict=True):
             self._held |= not present
@@ -179,8 +181,9 @@ class Lasertex:
 
 
 class Qudis:
-    """The quDIS: telegrams of a few readings each once a channel is triggered and data are on; the
-    marker counts edges of ``stopped``."""
+    """The quDIS: when a channel is triggered and data are switched on, it sends telegrams of a few
+    readings each. The marker counts the edges of ``stopped``.
+    """
 
     def __init__(self, stopped: Callable[[Array], Flags], *, axis: int = 1) -> None:
         self._stopped = stopped
@@ -193,7 +196,9 @@ class Qudis:
 
     @property
     def rate_hz(self) -> float:
-        """Return the readings a second at the set average; constant at the bench's rate."""
+        """Return the number of readings a second at the set average; constant at the rate of the
+        bench.
+        """
         return 25_000.0 / 2**5
 
     def banner(self) -> bytes:
@@ -203,11 +208,11 @@ class Qudis:
         return b""
 
     def skip(self, count: int) -> None:
-        """Pass over readings; they are counted."""
+        """Skip readings that are not sent; they are counted."""
         self._index += count
 
     def respond(self, received: bytes) -> bytes:
-        """Process settings and queries; return the answers."""
+        """Process the received settings and queries; return the answers."""
         self._received += received
         answer = b""
         while len(self._received) >= 4:
@@ -225,7 +230,7 @@ class Qudis:
         return answer
 
     def watch(self, wall_s: Array) -> Integers:
-        """Return the marker counter at these moments, shape (N,)."""
+        """Return the marker counter at these times, shape (N,)."""
         counts = np.empty(len(wall_s), dtype=np.int64)
         for place, high in enumerate(self._stopped(wall_s).tolist()):
             self._edges += high != self._high
@@ -234,7 +239,7 @@ class Qudis:
         return counts
 
     def tell(self, reading_mm: Array, marker: Integers) -> bytes:
-        """Return the telegrams of these readings, at most 32 in one."""
+        """Return the telegrams with these readings, at most 32 readings in one telegram."""
         streams = self._values.get((0x0030, 0)) == 2 and self._values.get((0x0146, 0)) == 1
         wanted = self._values.get((0x0031, 0)) in (2 * self._axis - 1, 2 * self._axis)
         answer = b""
@@ -267,7 +272,7 @@ class Qudis:
 
 
 def _pair(reading_mm: float, edges: int) -> tuple[int, int]:
-    """Return the two words of a reading."""
+    """Return the two words that represent a reading."""
     position = round(reading_mm * 1e9) & (1 << 48) - 1
     count = edges & 0x3FFF
     return position & 0xFFFFFF | (count & 0x7F) << 24, position >> 24 | (

@@ -1,4 +1,4 @@
-"""The laser as an instrument: counting, losing its beam, being reset, late by its own latency."""
+"""The laser as an instrument: its count, the loss of its beam, its reset, and its latency."""
 
 import math
 from collections.abc import Callable
@@ -13,12 +13,14 @@ from stepdiag.virtual.instruments.lasers import Encoder, Flags
 from stepdiag.virtual.physics.error_functions import Array
 
 Read = Callable[[Array], tuple[Array, Flags]]
-"""Ascending machine times to indicated lengths in mm and beam present."""
+"""A function from ascending machine times to indicated lengths in mm, and whether the beam is
+present.
+"""
 
 _LOST_FRINGES = 400
 _LOST_FRINGE_MM = 0.000158
-"""After its return the count is wrong by a random number of fringes, each a quarter of the
-wavelength.
+"""Largest number of fringes by which the count is wrong after the beam returns, and the length of a
+fringe in mm: a quarter of the wavelength.
 """
 
 
@@ -31,11 +33,11 @@ class Display(Protocol):
 
 
 class Counter:
-    """The count of an interferometer from the optical path: from zero, permanently wrong after a
-    lost beam.
+    """The count of an interferometer from the optical path. It begins at zero, and is permanently
+    wrong after a lost beam.
 
-    While the beam is lost the count stands still; on its return the count continues from this
-    value, wrong by the travel missed and by a random number of fringes.
+    While the beam is lost the count stands still; when the beam returns, the count continues from
+    this value. The count is then wrong by the missed travel and by a random number of fringes.
     """
 
     def __init__(self, *, sign: int = 1, noise_um: float = 0.0, seed: int = 0) -> None:
@@ -51,7 +53,7 @@ class Counter:
         self._held_mm = 0.0
 
     def jump(self, by_um: float) -> None:
-        """Shift all values from now on: the mirror was touched."""
+        """Shift all readings from now on, as after a touch of the mirror."""
         self._offset_mm += by_um * 1e-3
 
     def count(self, indicated_mm: Array, beam: Flags) -> Array:
@@ -88,7 +90,7 @@ class Counter:
 
 
 class _Sampler:
-    """The instrument with its beam, its reset button and its latency.
+    """A laser with its beam, its reset button and its latency.
 
     ``latency_s`` is the delay inside the instrument: a sent value belongs to the time before this
     delay.
@@ -112,9 +114,7 @@ class _Sampler:
         self._was_frozen = False
 
     def sample(self, wall_s: Array) -> tuple[Array, Flags]:
-        """Return the readings of the instrument at these wall times, and whether it had the
-        beam.
-        """
+        """Return the readings of the laser at these wall times, and whether it had the beam."""
         for _ in self._faults.due("laser-reset", float(wall_s[-1])):
             self._counter.zero()
         for fault in self._faults.due("laser-jump", float(wall_s[-1])):
@@ -126,7 +126,7 @@ class _Sampler:
         return self._as_sent(self._counter.count(indicated, beam), then_s), beam
 
     def _as_sent(self, reading: Array, then_s: Array) -> Array:
-        """Return the instrument's output: while frozen, its last value."""
+        """Return the readings that the laser sends: while it is frozen, the last reading."""
         frozen = np.zeros(len(then_s), dtype=np.bool_)
         for start_s, end_s in self._faults.spans("laser-frozen"):
             frozen |= (then_s >= start_s) & (then_s < end_s)
@@ -160,15 +160,15 @@ class TalkingLaser(_Sampler):
         self.rate_hz = encoder.rate_hz
 
     def banner(self) -> bytes:
-        """Return the boot text of the board."""
+        """Return the boot text of the laser's board."""
         return self._encoder.banner()
 
     def skip(self, count: int) -> None:
-        """Pass over samples without output."""
+        """Skip samples that are not sent."""
         self._encoder.skip(count)
 
     def speak(self, wall_s: Array) -> bytes:
-        """Return the lines of these samples."""
+        """Return the lines with these samples."""
         return self._encoder.encode(*self.sample(wall_s))
 
 
@@ -192,7 +192,7 @@ class CommandedLaser(TalkingLaser):
 
 
 class MarkedLaser(_Sampler):
-    """A quDIS: each reading carries the count of its marker input."""
+    """A quDIS: each of its readings contains the count of the marker input."""
 
     def __init__(
         self,
@@ -214,7 +214,7 @@ class MarkedLaser(_Sampler):
         )
 
     def speak(self, wall_s: Array) -> bytes:
-        """Return the telegrams of these readings."""
+        """Return the telegrams with these readings."""
         reading_mm, _ = self.sample(wall_s)
         return self._device.tell(reading_mm, self._device.watch(wall_s))
 
@@ -238,14 +238,16 @@ class AskedLaser(_Sampler):
         self._display = display
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete requests."""
+        """Return the complete requests in the received bytes."""
         return self._display.requests(received)
 
     def answer(self, request: bytes, wall_s: float) -> bytes:
-        """Return the display's answer at this moment."""
+        """Return the display's answer to a request at this time."""
         reading_mm, beam = self.sample(np.array([wall_s]))
         return self._display.answer(request, float(reading_mm[0]), beam=bool(beam[0]))
 
     def watch(self, wall_s: float) -> None:
-        """Continue the count, so that a beam lost between two requests is noticed."""
+        """Continue the count without a request, so that a beam lost between two requests affects
+        the count.
+        """
         self.sample(np.array([wall_s]))

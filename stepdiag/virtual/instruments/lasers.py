@@ -1,5 +1,5 @@
-"""Output of lasers on the wire: uMD boards, Heidenhain displays, any ASCII line. Bytes out, no
-input or output.
+"""The bytes that lasers send: uMD boards, Heidenhain displays, any ASCII line. These classes make
+the bytes and do no input or output.
 
 uMD after the firmware sources named in the instruments' notes 1.A, ND 28x/287 after the manual
 pages of 1.B.
@@ -20,39 +20,39 @@ Integers = NDArray[np.int64]
 
 
 class Encoder(Protocol):
-    """A laser that sends by itself."""
+    """A laser that sends without requests."""
 
     rate_hz: float
 
     def banner(self) -> bytes:
-        """Return the bytes that the board sends when it gets power."""
+        """Return the bytes that the board sends at power-on."""
         ...
 
     def skip(self, count: int) -> None:
-        """Pass over samples without output."""
+        """Skip samples that are not sent."""
         ...
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
-        """Return the lines of consecutive samples: readings in mm as the device holds them, beam
-        present or not."""
+        """Return the lines with consecutive samples: readings in mm, and whether the beam is
+        present.
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Board:
-    """A uMD board: the differences between the firmwares."""
+    """The properties by which the firmwares of uMD boards differ."""
 
     rate_hz: float
     counts_per_cycle: int = 0
-    """Homodyne boards only: quadrature counts per cycle of interference; 0 for heterodyne
-    boards."""
+    """Quadrature counts per cycle of interference, for homodyne boards; 0 for heterodyne boards."""
     phase_steps: int = 0
-    """Steps of the phase field per count: 256 or 65536; 0 where there is none."""
+    """Steps of the phase field per count: 256 or 65536; 0 for a board without a phase field."""
     code_period: int = 32
     codes: Mapping[int, tuple[int, int]] = field(default_factory=dict)
     sequence_wrap: int = 0
-    """Wrap of a signed sequence number, 65536 where a 16-bit int is printed; 0 for none in
-    practice.
+    """Number at which a signed sequence number wraps: 65536 for a board that prints a 16-bit int; 0
+    if the number practically never wraps.
     """
     banner: bytes = b""
 
@@ -71,7 +71,9 @@ BOARDS: dict[str, Board] = {
         rate_hz=1000.0, phase_steps=65536, codes={1: (10, 7 << 16 | 264), 3: (112, 4)}
     ),
 }
-"""uMD0 v09 (homodyne), uMD1 v60 (8-bit phase), uMD2 v264.07 (16-bit phase, named by code 112)."""
+"""The uMD boards: uMD0 v09 (homodyne), uMD1 v60 (8-bit phase), uMD2 v264.07 (16-bit phase, named by
+code 112).
+"""
 
 _NO_MEASUREMENT_BEAM = 0x800
 
@@ -80,8 +82,8 @@ class UmdBoard:
     """The lines of a uMD board: REF MEAS displacement velocity phase sequence code data, CR LF.
 
     ``displacement - phase / steps`` is the reading in counts of wavelength / 2 / optics (the rule
-    of the GUI). A heterodyne board that loses the beam sends MEAS 0; a homodyne board shows
-    nothing.
+    of the maker's program). A heterodyne board that loses the beam sends MEAS 0; a homodyne board
+    does not show the loss.
     """
 
     def __init__(
@@ -119,16 +121,16 @@ class UmdBoard:
         return self._board.banner
 
     def skip(self, count: int) -> None:
-        """Advance the sequence: a board counts on when its buffer is full."""
+        """Advance the sequence number: a board with a full buffer counts on."""
         self._sequence += count
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
-        """Return one line a sample."""
+        """Return one line per sample."""
         count, phase = self._count_and_phase(reading_mm / self._mm_per_count)
         velocity = np.diff(count, prepend=self._last_count)
         doppler = np.where(
             np.abs(velocity) < self._reference, velocity, 0
-        )  # a jump of the counter is no speed
+        )  # a jump of the counter does not change the speed
         measured = np.where(beam, self._reference + doppler, 0)
         if self._board.phase_steps == 256:
             phase = np.where(beam, phase, _NO_MEASUREMENT_BEAM)
@@ -146,7 +148,9 @@ class UmdBoard:
         return (self._line * len(count) % tuple(columns.ravel().tolist())).encode("ascii")
 
     def _count_and_phase(self, counts: Array) -> tuple[Integers, Integers]:
-        """Split a reading: an 8-bit phase is 0..255, a 16-bit one signed."""
+        """Return the displacement and the phase field of a reading: an 8-bit phase is 0..255, a
+        16-bit phase signed.
+        """
         steps = self._board.phase_steps
         if not steps:
             whole = np.floor(counts).astype(np.int64)
@@ -165,8 +169,9 @@ class UmdBoard:
 
 
 class AsciiLine(Counting):
-    """Lines made by a format text with the fields ``position_mm``, ``counter`` and ``beam`` (0 or
-    1)."""
+    """Lines made from a format text with the fields ``position_mm``, ``counter`` and ``beam`` (0 or
+    1).
+    """
 
     def __init__(
         self,
@@ -181,7 +186,7 @@ class AsciiLine(Counting):
         self._modulus = counter_modulus
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
-        """Return one line a sample."""
+        """Return one line per sample."""
         lines = []
         for position_mm, present in zip(reading_mm.tolist(), beam.tolist(), strict=True):
             counter = self._counter % self._modulus
@@ -198,8 +203,9 @@ _STX, _ACK, _NAK, _ESC = b"\x02", b"\x06", b"\x15", b"\x1b"
 
 
 class NdDisplay:
-    """A Heidenhain ND display: answers STX, ESC A0000, A0100, A0200 and key presses; NAK to
-    anything else."""
+    """A Heidenhain ND display: answers STX, ESC A0000, A0100, A0200 and key presses; any other
+    request gets NAK.
+    """
 
     def __init__(self, *, resolution_mm: float = 0.0001) -> None:
         self._resolution_mm = resolution_mm
@@ -207,7 +213,7 @@ class NdDisplay:
         self._pending = b""
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete requests in the stream, and keep the rest."""
+        """Return the complete requests in the received bytes, and keep the rest."""
         self._pending += received
         complete: list[bytes] = []
         while self._pending:
@@ -222,7 +228,7 @@ class NdDisplay:
         return complete
 
     def answer(self, request: bytes, reading_mm: float, *, beam: bool) -> bytes:
-        """Return the answer to a request; a display without a signal refuses to give a value."""
+        """Return the answer to a request; a display without a signal sends no value."""
         lsb = round(reading_mm / self._resolution_mm)
         if request == b"\x1bA0000\r":
             return _STX + b"ND-287\r\nVIRTUAL\r\n001\r\n"

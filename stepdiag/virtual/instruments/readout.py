@@ -1,4 +1,4 @@
-"""The view of laser and head at any moment: the machine's exact pose during the program."""
+"""The input of laser and head at any time: the exact pose of the machine during the program."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ _GRID_NODES = 3
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Places of the axes at N moments: ``position_mm`` and ``approach`` (N, 3), the setup, and
-    whether a beam is up, and wobbled.
+    """The axes at N times: ``position_mm`` and ``approach`` (N, 3), the setup, whether a beam is
+    up, and whether it is wobbled.
     """
 
     position_mm: Array
@@ -32,8 +32,9 @@ class Track:
 
 
 def track(player: Player, drive: Drive, time_s: Array) -> Track:
-    """Return the path of the axes at ascending machine times, the ring of the structure
-    included."""
+    """Return the positions of the axes at ascending machine times, with the oscillation of the
+    structure.
+    """
     count = len(time_s)
     followed = Track(
         np.zeros((count, 3)),
@@ -60,7 +61,7 @@ def track(player: Player, drive: Drive, time_s: Array) -> Track:
 
 @dataclass(slots=True)
 class _Curve:
-    """The indicated length over a segment: against its fraction for a move, against time for a
+    """The indicated length over a segment: as a function of the fraction of a move, or of time in a
     standstill.
     """
 
@@ -73,8 +74,8 @@ class Readout:
     """Turns machine times into indicated lengths.
 
     The exact optics are computed at nodes of each segment and interpolated between them. While the
-    axes stand, the nodes are moments ``refresh_s`` apart, so that heat and air continue to change;
-    at both ends of a move the value is exact.
+    axes stand, the nodes are ``refresh_s`` apart in time, so that heat and air continue to change.
+    At both ends of a move the length is exact.
     """
 
     def __init__(
@@ -94,8 +95,9 @@ class Readout:
         self._curve = _Curve((-1, -1), np.zeros(2), np.zeros(2))
 
     def read(self, time_s: Array) -> tuple[Array, Flags]:
-        """Return indicated lengths in mm and whether there is a beam, at ascending machine times,
-        both shape (N,)."""
+        """Return indicated lengths in mm, and whether a beam is up, at ascending machine times,
+        both shape (N,).
+        """
         indicated = np.zeros(len(time_s))
         beam = np.zeros(len(time_s), dtype=np.bool_)
         for segment in self._player.span(float(time_s[0]), float(time_s[-1])):
@@ -141,7 +143,7 @@ class Readout:
         return self._curve
 
     def _swing_um(self, segment: Segment, setup: Setup, time_s: Array) -> Array:
-        """Return how far structure and floor swing along the beam, shape (N,)."""
+        """Return the oscillation of structure and floor along the beam, shape (N,)."""
         drive = self._drive
         hum: Array = drive.hum_um * np.sin(2 * np.pi * drive.hum_hz * time_s)
         return hum + drive.ring_um_at(segment, time_s) * float(
@@ -150,7 +152,7 @@ class Readout:
 
 
 class HeadView:
-    """The view of the 4-DOF head during the program: light during its own runs, darkness
+    """The input of the 4-DOF head during the program: light during its own runs, darkness
     otherwise.
     """
 

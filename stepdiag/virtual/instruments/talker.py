@@ -1,5 +1,5 @@
-"""An instrument on a serial line: a thread that sends or answers for it, and all faults of its
-cable.
+"""An instrument on a serial line: a thread that sends or answers for the instrument, and all faults
+of its cable.
 """
 
 import threading
@@ -15,23 +15,23 @@ from stepdiag.virtual.base.ports import Line
 from stepdiag.virtual.physics.error_functions import Array
 
 _MAXIMUM_BACKLOG_S = 0.5
-"""Longest time in s whose samples a held instrument still sends; on a lossless line the share sent
-at a time.
+"""Longest time in s for which samples are kept while an instrument is prevented from sending; on a
+lossless line, the duration of the samples that are sent at a time.
 """
 
 
 @runtime_checkable
 class Talking(Protocol):
-    """An instrument that sends by itself."""
+    """An instrument that sends without requests."""
 
     rate_hz: float
 
     def banner(self) -> bytes:
-        """Return its output at power-on."""
+        """Return the bytes that the instrument sends at power-on."""
         ...
 
     def skip(self, count: int) -> None:
-        """Pass over samples without output."""
+        """Skip samples that are not sent."""
         ...
 
     def speak(self, wall_s: Array) -> bytes:
@@ -41,7 +41,7 @@ class Talking(Protocol):
 
 @runtime_checkable
 class Responding(Protocol):
-    """An instrument that sends by itself, and takes commands."""
+    """An instrument that sends without requests, and takes commands."""
 
     def respond(self, received: bytes) -> bytes:
         """Process the received bytes; return the answer."""
@@ -52,7 +52,7 @@ class Answering(Protocol):
     """An instrument that only answers requests."""
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete requests in the stream, and keep the rest."""
+        """Return the complete requests in the received bytes, and keep the rest."""
         ...
 
     def answer(self, request: bytes, wall_s: float) -> bytes:
@@ -60,13 +60,13 @@ class Answering(Protocol):
         ...
 
     def watch(self, wall_s: float) -> None:
-        """Go on measuring without requests."""
+        """Continue to measure without requests."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class CableFaults:
-    """The names under which the faults of this cable are scripted."""
+    """The names of the faults that can occur on the cable of an instrument."""
 
     unplug: FaultKind
     silent: FaultKind
@@ -80,8 +80,9 @@ AIR_CABLE = CableFaults("air-unplug", "air-silent", "air-garbage", "air-baud")
 
 
 class Talker:
-    """The thread. ``powered`` is called when the instrument gets power after its cable was
-    pulled."""
+    """The thread of an instrument. ``powered`` is called when the instrument gets power after its
+    cable was pulled.
+    """
 
     def __init__(
         self,
@@ -106,11 +107,11 @@ class Talker:
         self._thread = threading.Thread(target=self._run, name=line.name)
 
     def start(self) -> None:
-        """Begin to talk."""
+        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and unplug."""
+        """End the thread and unplug the line."""
         self._stop.set()
         self._line.end()
         self._thread.join()
@@ -153,8 +154,9 @@ class Talker:
             device.watch(self._clock.wall_s())
 
     def _plugged_in(self, now: float) -> bool:
-        """Pull the cable or put it back as scripted; return whether the instrument has just got
-        power."""
+        """Pull the cable or plug it in, as the faults state; return whether the instrument has just
+        got power.
+        """
         if self._faults.active(self._cable.unplug, now):
             self._line.unplug()
         elif not self._line.plugged:

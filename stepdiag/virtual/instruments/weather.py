@@ -1,5 +1,5 @@
 """Sensors of air and material on a separate line: a transmitter that answers requests, and a logger
-that sends by itself.
+that sends without requests.
 """
 
 from stepdiag.virtual.instruments.counting import Counting
@@ -8,7 +8,7 @@ from stepdiag.virtual.physics.error_functions import Array
 
 
 class Transmitter:
-    """A PTU300 with echo and prompt: a line to each ``SEND``
+    """A PTU300 with echo and prompt: it answers each ``SEND`` with a line
     (`stepdiag.virtual.instruments.talker.Answering`).
     """
 
@@ -17,12 +17,12 @@ class Transmitter:
         self._held = b""
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete commands."""
+        """Return the complete commands in the received bytes."""
         *whole, self._held = (self._held + received).split(b"\r")
         return whole
 
     def answer(self, request: bytes, wall_s: float) -> bytes:  # noqa: ARG002 - the air of now
-        """Return the echo, the values and a prompt."""
+        """Return the answer to a command: the echo, the values and a prompt."""
         if request.strip().upper() != b"SEND":
             return request + b"\r\nUnknown command\r\n>"
         now = self._climate()
@@ -33,12 +33,13 @@ class Transmitter:
         return request + b"\r\n" + values.encode("ascii") + b"\r\n>"
 
     def watch(self, wall_s: float) -> None:
-        """Do nothing: unread measurements have no effect."""
+        """Do nothing: measurements that nobody requests have no effect."""
 
 
 class Logger(Counting):
-    """A logger: four lines a second of temperature, pressure in kPa, humidity and a probe on the
-    machine (`Talking`)."""
+    """A logger: it sends four lines a second with temperature, pressure in kPa, humidity and the
+    value of a probe on the machine (`Talking`).
+    """
 
     def __init__(self, climate: AskClimate) -> None:
         super().__init__()
@@ -46,7 +47,7 @@ class Logger(Counting):
         self._climate = climate
 
     def speak(self, wall_s: Array) -> bytes:
-        """Return one line a sample."""
+        """Return one line per sample."""
         now = self._climate()
         line = (
             f"{now.air_c:+.2f};{now.pressure_hpa / 10.0:.4f};{now.humidity_percent:.1f};"

@@ -1,4 +1,4 @@
-"""The hall: temperatures, pressure and humidity as courses over machine time."""
+"""The conditions in the hall over machine time: temperatures, pressure and humidity."""
 
 from dataclasses import dataclass, field
 
@@ -10,7 +10,7 @@ from stepdiag.virtual.physics.error_functions import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """A quantity over time: a start value, a steady change and a swing."""
+    """A quantity over time: a start value, a steady change and an oscillation."""
 
     start: float
     per_hour: float = 0.0
@@ -18,7 +18,7 @@ class Course:
     period_h: float = 1.0
 
     def at(self, time_s: Array) -> Array:
-        """Return the value at each time, shape like ``time_s``."""
+        """Return the value of the quantity at each time, shape like ``time_s``."""
         hours = np.asarray(time_s, dtype=np.float64) / 3600.0
         value: Array = (
             self.start
@@ -30,7 +30,7 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Environment:
-    """The air in the beam and the material of the machine."""
+    """The course of the air in the beam and of the material of the machine."""
 
     material_c: Course = field(default_factory=lambda: Course(start=20.0))
     air_c: Course = field(default_factory=lambda: Course(start=20.0))

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 ErrorFunction = Callable[[Array], Array]
-"""Axis position in mm, shape (N,), to um (displacements) or urad (rotations), shape (N,)."""
+"""A function from positions of an axis in mm, shape (N,), to an error in um (displacements) or urad
+(rotations), shape (N,).
+"""
 
 AXES = "XYZ"
 DISPLACEMENTS = tuple(f"E{component}{axis}" for axis in AXES for component in "XYZ")
@@ -19,7 +21,8 @@ SQUARENESS = ("C0Y", "B0Z", "A0Z")
 
 @dataclass(frozen=True, slots=True)
 class Smooth:
-    """A sum of half waves over the travel plus a straight line, continued smoothly beyond the ends.
+    """An error function: a sum of half waves over the travel plus a straight line, continued
+    smoothly beyond the ends.
 
     ``value = slope * (p - low) + sum_k amplitude[k] sin((k + 1) pi (p - low) / length)``: every
     half wave is zero at both ends, so the end-point line is exactly ``slope``.
@@ -40,7 +43,7 @@ class Smooth:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Linear interpolation between nodes; the end values are held outside."""
+    """An error function that is linear between nodes; beyond the nodes the end values hold."""
 
     position_mm: tuple[float, ...]
     value: tuple[float, ...]
@@ -51,8 +54,8 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Waved:
-    """A function with an additional periodic error, as of a ball screw or a scale; the addition is
-    zero at ``low_mm``.
+    """An error function with an additional periodic error, as of a ball screw or a scale; the
+    addition is zero at ``low_mm``.
     """
 
     base: ErrorFunction
@@ -75,7 +78,9 @@ class Waved:
 
 
 def zero(position_mm: Array) -> Array:
-    """Return no error, shape like ``position_mm``."""
+    """Return zeros, shape like ``position_mm``: the function of an error that the machine does not
+    have.
+    """
     return np.zeros_like(position_mm, dtype=np.float64)
 
 
@@ -86,7 +91,8 @@ def smooth(
     amplitude: float,
     tilt: float = 0.0,
 ) -> Smooth:
-    """Draw a smooth function whose largest deviation from its end-point line is ``amplitude``.
+    """Draw a smooth error function whose largest deviation from its end-point line is
+    ``amplitude``.
 
     ``tilt`` is the rise of the end-point line over the travel, in the unit of ``amplitude``.
     """
@@ -98,8 +104,8 @@ def smooth(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Amplitudes:
-    """Sizes of the random errors: largest deviations in um and urad; scales are drawn within
-    +-``scale_um_m``.
+    """Sizes of the random errors: largest deviations in um and urad; scales are drawn between
+    -``scale_um_m`` and +``scale_um_m``.
     """
 
     positioning_um: float = 8.0
@@ -111,11 +117,11 @@ class Amplitudes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSet:
-    """All errors of one machine: of the tool relative to the work, actual minus commanded.
+    """All errors of a machine, as errors of the tool relative to the work, actual minus commanded.
 
-    ``functions`` holds any of the 18 functions (absent ones are zero), ``squareness_urad`` any of
-    the three squareness errors; ``reversal`` adds half of its value when the axis last moved in +,
-    takes half away when it moved in -.
+    ``functions`` holds any of the 18 functions (absent functions are zero), ``squareness_urad`` any
+    of the three squareness errors; half of ``reversal`` is added if the last move of the axis was
+    in +, and subtracted if it was in -.
     """
 
     low_mm: tuple[float, float, float]
@@ -129,8 +135,9 @@ class ErrorSet:
         _refuse_unknown(self.squareness_urad, SQUARENESS)
 
     def displacement_um(self, axis: int, position_mm: Array, direction: Array) -> Array:
-        """Return the displacement of carriage ``axis`` (0, 1, 2) with the squareness lines in it,
-        shape (N, 3)."""
+        """Return the displacement of carriage ``axis`` (0, 1, 2), including the lines of its
+        squareness errors, shape (N, 3).
+        """
         value = self._components("XYZ", axis, position_mm, direction)
         travelled_m = (np.asarray(position_mm, dtype=np.float64) - self.low_mm[axis]) * 1e-3
         if AXES[axis] == "Y":
@@ -167,8 +174,9 @@ def random_errors(
     size_mm: tuple[float, float, float],
     amplitudes: Amplitudes | None = None,
 ) -> ErrorSet:
-    """Draw a machine: nine displacement and nine angular functions, scales and squareness of random
-    sign, by ``seed``."""
+    """Draw the errors of a machine by ``seed``: nine displacement and nine angular functions,
+    scales and squareness of random sign.
+    """
     wanted = amplitudes or Amplitudes()
     rng = np.random.default_rng(seed)
     functions: dict[str, ErrorFunction] = {}

@@ -2,8 +2,8 @@
 
 A chain is written from the workpiece to the tool with ``F`` for the foundation (ISO 10791-6 style):
 ``FXYZ`` is [w b X Y Z t], ``XYFZ`` is [w X' Y' b Z t]; axes left of ``F`` carry the work. Every
-error is the tool's error relative to the work. So a work-side carriage turns everything beyond it
-about its own origin before its own travel, and a tool-side carriage after it.
+error is the tool's error relative to the work. So a work-side carriage turns all parts beyond it
+about its own origin before its own travel, and a tool-side carriage after its own travel.
 """
 
 from dataclasses import dataclass
@@ -18,13 +18,15 @@ Stand = Literal["table", "floor"]
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Places and rotations of frames: ``origin_mm`` (N, 3), ``rotation`` (N, 3, 3)."""
+    """Frames with their places and rotations: ``origin_mm`` (N, 3), ``rotation`` (N, 3, 3)."""
 
     origin_mm: Array
     rotation: Array
 
     def moved(self, offset_mm: Array) -> "Pose":
-        """Return the frame shifted by ``offset_mm`` (N, 3) or (3,) in its own coordinates."""
+        """Return the frame shifted by ``offset_mm`` (N, 3) or (3,) in the coordinates of the
+        frame.
+        """
         return Pose(self.point_mm(offset_mm), self.rotation)
 
     def turned(self, rotation: Array) -> "Pose":
@@ -32,7 +34,7 @@ class Pose:
         return Pose(self.origin_mm, self.rotation @ rotation)
 
     def point_mm(self, local_mm: Array) -> Array:
-        """Return where a point of the frame is, shape (N, 3)."""
+        """Return the place of a point of the frame in the outer coordinates, shape (N, 3)."""
         return self.origin_mm + self.vector(local_mm)
 
     def vector(self, local: Array) -> Array:
@@ -49,8 +51,9 @@ class Pose:
 
 
 def rotation_matrix(angles_rad: Array) -> Array:
-    """Return the rotations by the vectors ``angles_rad`` (N, 3): axis = direction, angle = length
-    (Rodrigues), (N, 3, 3)."""
+    """Return the rotation matrices of the vectors ``angles_rad`` (N, 3), shape (N, 3, 3): the
+    direction of a vector is the axis, its length the angle (Rodrigues).
+    """
     angle = np.linalg.norm(angles_rad, axis=-1)[:, None, None]
     cross = np.zeros((len(angles_rad), 3, 3))
     cross[:, 0, 1], cross[:, 0, 2] = -angles_rad[:, 2], angles_rad[:, 1]
@@ -89,8 +92,8 @@ def tool_pose(
     """Return the frame at the end of the chain, seen from the workpiece table or from the floor.
 
     ``travel_mm`` (N, 3) is counted from the point to which the errors refer; ``displacement_um``
-    and ``rotation_urad`` hold one (N, 3) per axis. Viewed from the floor, the axes that carry the
-    work have no effect.
+    and ``rotation_urad`` hold one array (N, 3) per axis. Viewed from the floor, the axes that carry
+    the work have no effect.
     """
     work, tool = split_chain(chain)
     count = len(travel_mm)

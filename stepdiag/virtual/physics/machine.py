@@ -1,5 +1,6 @@
-"""The virtual machine without clocks or wires: commanded positions in, true poses and laser paths
-out."""
+"""The virtual machine without clocks and without serial lines: from commanded positions to true
+poses and lengths of laser paths.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from stepdiag.virtual.physics.truth import Truth, truth
 
 
 class Compensation(Protocol):
-    """A table active in the control."""
+    """A compensation table that is active in the control."""
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:
         """Return the control's corrections of the axis positions at commanded positions (N, 3),
@@ -29,9 +30,10 @@ class Setup:
     """Laser and target of a setup.
 
     ``zero_mm`` is the commanded position of the first stop. ``wavelength_nm`` is the vacuum
-    wavelength by which the instrument counts. ``assumed_index`` is the index of air by which it
-    divides its count, 1 without compensation, None if it follows the air without error. The beam's
-    source is the interferometer: the way from it to the target at ``zero_mm`` is the dead path.
+    wavelength by which the instrument counts. ``assumed_index`` is the refractive index by which
+    the instrument divides its count: 1 without compensation, None if the instrument follows the air
+    without error. The beam begins at the interferometer: the distance from there to the target at
+    ``zero_mm`` is the dead path.
     """
 
     name: str
@@ -45,7 +47,8 @@ class Setup:
 
 @dataclass(slots=True, kw_only=True)
 class Machine:
-    """A machine tool: chain, errors, heat, and the tables loaded into its control.
+    """A machine tool: its chain, its errors, its thermal behaviour, and the tables loaded into its
+    control.
 
     Errors refer to the point ``reference_mm`` (the low corner of the error set when None): there
     the Abbe arms of all functions are zero. ``drift_um_h`` moves the tool relative to the work, as
@@ -68,7 +71,7 @@ class Machine:
 
     @property
     def origin_mm(self) -> Array:
-        """Return the point to which the errors refer, shape (3,)."""
+        """Return the point to which the machine's errors refer, shape (3,)."""
         return np.array(
             self.errors.low_mm if self.reference_mm is None else self.reference_mm,
             dtype=np.float64,
@@ -85,7 +88,7 @@ class Machine:
         """Return the true tool frame at commanded positions (N, 3), in machine coordinates.
 
         ``direction`` is the sign of each axis' last movement, (3,) or (N, 3), zero (the default)
-        for the mean of both; ``time_s`` is machine time, a number or shape (N,).
+        for the mean of both directions; ``time_s`` is machine time, a number or shape (N,).
         """
         commanded = np.atleast_2d(np.asarray(commanded_mm, dtype=np.float64))
         signs = np.broadcast_to(
@@ -158,8 +161,8 @@ class Machine:
         direction: Array | None = None,
         time_s: Array | float = 0.0,
     ) -> Array:
-        """Return the length by the instrument from the optical path, dead path included, before any
-        zeroing, shape (N,).
+        """Return the length that the instrument obtains from the optical path, dead path included,
+        before the count is set to zero, shape (N,).
         """
         distance = self.distance_mm(setup, commanded_mm, direction=direction, time_s=time_s)
         if setup.assumed_index is None:
@@ -173,5 +176,5 @@ class Machine:
         return indicated
 
     def truth(self, increments: int) -> Truth:
-        """Return the errors without compensation, at 20 C, at the nodes of every axis."""
+        """Return the machine's errors without compensation, at 20 C, at the nodes of every axis."""
         return truth(self.errors, increments)

@@ -21,20 +21,22 @@ class Target(Protocol):
     """A target that reflects the beam and moves with the tool."""
 
     def distance_mm(self, pose: Pose, beam: Beam) -> Array:
-        """Return half of the path out and back, shape (N,)."""
+        """Return the length of the optical path out and back, divided by two, shape (N,)."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """Relief of a mirror's face, as a smooth map over its diameter: ``peak_um`` at worst."""
+    """Deviation of a mirror's face from a plane, as a smooth map over its diameter; ``peak_um`` is
+    the largest height.
+    """
 
     peak_um: float
     diameter_mm: float
     seed: int
 
     def height_mm(self, across_mm: Array, up_mm: Array) -> Array:
-        """Return the height of the face at points of the mirror, shape (N,)."""
+        """Return the height of the mirror's face at points of the mirror, shape (N,)."""
         rng = np.random.default_rng(self.seed)
         height = np.zeros_like(across_mm)
         total = 0.0
@@ -63,8 +65,9 @@ def perpendiculars(direction: Array) -> tuple[Array, Array]:
 
 
 def tilted(direction: Array, tilt_mrad: tuple[float, float]) -> Array:
-    """Return the unit vector ``direction`` leaning by ``tilt_mrad`` towards its two
-    `perpendiculars`, shape (3,)."""
+    """Return the unit vector ``direction`` tilted by ``tilt_mrad`` towards its two
+    `perpendiculars`, shape (3,).
+    """
     level, up = perpendiculars(direction)
     leaning = direction + 1e-3 * (tilt_mrad[0] * level + tilt_mrad[1] * up)
     unit: Array = leaning / np.linalg.norm(leaning)
@@ -81,8 +84,9 @@ class PlaneMirror:
     figure: Figure | None = None
 
     def distance_mm(self, pose: Pose, beam: Beam) -> Array:
-        """Return where the ray meets the mirror's plane, L = n.(P - S) / (n.u), with the figure of
-        the face, shape (N,)."""
+        """Return the distance at which the ray meets the mirror's plane, L = n.(P - S) / (n.u),
+        including the height of the face, shape (N,).
+        """
         normal = pose.vector(self.normal)
         pole = pose.point_mm(self.pole_mm)
         incidence = normal @ beam.direction
@@ -102,7 +106,8 @@ class CornerCube:
     vertex_mm: Array
 
     def distance_mm(self, pose: Pose, beam: Beam) -> Array:
-        """Return the distance of the vertex along the beam: a cube returns the ray parallel,
-        whatever its attitude, shape (N,)."""
+        """Return the distance of the vertex along the beam, shape (N,): a corner cube returns the
+        ray parallel, whatever its attitude.
+        """
         distance: Array = (pose.point_mm(self.vertex_mm) - beam.source_mm) @ beam.direction
         return distance

@@ -1,5 +1,6 @@
-"""The ground truth in the form of a result: 21 errors with ISO 230-1 names and signs (contract
-1)."""
+"""The true errors of the machine in the form of a result: 21 errors with ISO 230-1 names and signs
+(contract 1).
+"""
 
 from dataclasses import dataclass
 
@@ -17,10 +18,10 @@ from stepdiag.virtual.physics.error_functions import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """The result of a perfect survey.
+    """The true errors of the machine, as a perfect survey would find them.
 
-    ``position_mm`` per axis letter, ascending; ``errors`` per name in um or urad, zero at the first
-    position, straightness with its end-point line removed, positioning with its slope kept;
+    ``position_mm``: by axis letter, ascending. ``errors``: by name in um or urad, zero at the first
+    position; a straightness has its end-point line removed, a positioning error keeps its slope.
     ``squareness_urad`` holds the removed slopes; ``scale_um_m`` is the slope of the end-point line
     of each positioning function.
     """
@@ -32,7 +33,7 @@ class Truth:
 
 
 def truth(errors: ErrorSet, increments: int) -> Truth:
-    """Return the mean (direction-free) errors at ``increments`` + 1 nodes of each axis."""
+    """Return the mean of the errors in both directions at ``increments`` + 1 nodes of each axis."""
     position_mm = {
         letter: errors.low_mm[axis] + np.linspace(0.0, errors.size_mm[axis], increments + 1)
         for axis, letter in enumerate(AXES)

@@ -1,4 +1,4 @@
 """The PLC: the register block and its Modbus server.
 
-In: the drive. Out: registers on TCP or RTU. Imported by bench.
+In: the drive. Out: registers on TCP or RTU. `bench` imports this package.
 """

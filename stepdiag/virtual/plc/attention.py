@@ -1,9 +1,10 @@
-"""Attention of a master to the PLC: a machine beside a busy computer stands a little longer, if its
-program requests this.
+"""The polls of a Modbus master: if a busy computer delays the polls, a patient machine stands a
+little longer.
 
-A real machine's dwells are seconds and its recorder has a computer to itself. In a demonstration or
-a test a dwell is half a second, and all processes share a computer that may delay the recorder for
-as long. An event hidden by a fault of the bench is not waited for.
+On a real machine a dwell lasts seconds, and the recorder has a computer of its own. In a
+demonstration or a test a dwell lasts half a second, and all processes share a computer that may
+delay the recorder for half a second. During a fault of the bench that hides the machine's state,
+the machine does not wait.
 """
 
 import threading
@@ -13,11 +14,11 @@ from itertools import pairwise, takewhile
 from stepdiag.virtual.base.faults import FaultBoard, FaultKind
 
 BREAK_S = 0.1
-"""Time between two polls above which there is a break between them."""
+"""Time in s between two polls above which the polling counts as interrupted."""
 GONE_S = 1.0
-"""Time after which an absent master is no longer waited for."""
+"""Time in s after the last poll from which the machine no longer waits for the master."""
 _REMEMBERED = 20_000
-"""Number of stored polls: more than any dwell of a patient machine has."""
+"""Number of polls that are stored: more than arrive in any dwell of a patient machine."""
 _BLINDING: tuple[FaultKind, ...] = (
     "plc-silent",
     "plc-late",
@@ -29,7 +30,7 @@ _BLINDING: tuple[FaultKind, ...] = (
 
 
 class Attention:
-    """The polls of the masters, in wall seconds. Safe to use from several threads."""
+    """The times of the masters' polls in wall seconds. Several threads may use the object."""
 
     def __init__(self, faults: FaultBoard) -> None:
         self._faults = faults
@@ -37,16 +38,16 @@ class Attention:
         self._looks_s: deque[float] = deque(maxlen=_REMEMBERED)
 
     def looked(self, wall_s: float) -> None:
-        """Record the arrival of a request."""
+        """Record the time of a request."""
         with self._lock:
             self._looks_s.append(wall_s)
 
     def lacking(self, from_s: float, wall_s: float, wanted_s: float) -> bool:
-        """Return whether a present master has not yet polled, for ``wanted_s`` without a break, the
-        state that began at ``from_s``.
+        """Return whether a master that still polls has not yet polled the state that began at
+        ``from_s`` for ``wanted_s`` without a break.
 
-        The time counts from the first look at the state, not from its beginning: a single late look
-        has seen nothing of the time before.
+        The time counts from the first poll of the state, not from the beginning of the state: a
+        single late poll shows nothing of the time before.
         """
         with self._lock:
             there = bool(self._looks_s) and wall_s - self._looks_s[-1] < GONE_S

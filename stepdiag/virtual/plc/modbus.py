@@ -1,8 +1,8 @@
 """A Modbus slave written from the specification (Modbus Application Protocol V1.1b3; Serial Line
 V1.02).
 
-It is written here on purpose: the client side uses a library, and a slave of the same library would
-share its errors; and a slave must be able to answer late and in order, as a real PLC does.
+The slave does not use the library of the client, because it would share the errors of this library.
+It must also be able to answer late and in order, as a real PLC does.
 """
 
 import struct
@@ -16,7 +16,7 @@ _REGISTER_TABLES = {3: "holding", 4: "input"}
 
 
 class ModbusError(Exception):
-    """The slave answers with an exception ``code``."""
+    """Raised where the slave answers with the exception ``code``."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"Modbus exception {code}")
@@ -24,15 +24,16 @@ class ModbusError(Exception):
 
 
 class Memory(Protocol):
-    """The memory of a slave. Both methods raise `ModbusError`."""
+    """The memory of a slave. Both of its methods raise `ModbusError`."""
 
     def read(self, table: str, address: int, count: int) -> Sequence[int]:
-        """Return registers (0..65535) of ``holding`` or ``input``, bits (0, 1) of ``coil`` or
-        ``discrete``."""
+        """Return the values of registers (0..65535) of ``holding`` or ``input``, or of bits (0, 1)
+        of ``coil`` or ``discrete``.
+        """
         ...
 
     def write(self, table: str, address: int, values: Sequence[int]) -> None:
-        """Store registers of ``holding`` or bits of ``coil``."""
+        """Store values in registers of ``holding`` or bits of ``coil``."""
         ...
 
 
@@ -105,7 +106,7 @@ def _pack_bits(values: Sequence[int]) -> bytes:
 
 
 def checksum(frame: bytes) -> bytes:
-    """Return the CRC-16 of an RTU frame in its sent form, low byte first (polynomial A001h, start
+    """Return the CRC-16 of an RTU frame as it is sent, low byte first (polynomial A001h, start
     FFFFh).
     """
     register = 0xFFFF
@@ -117,7 +118,9 @@ def checksum(frame: bytes) -> bytes:
 
 
 def frame_length(start: bytes) -> int | None:
-    """Return the length of the RTU request that begins with ``start``; None while it is unknown."""
+    """Return the length of the RTU request that begins with ``start``; None while ``start`` is too
+    short to determine it.
+    """
     if len(start) < 2:
         return None
     function = start[1]

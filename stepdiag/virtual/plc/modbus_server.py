@@ -21,7 +21,7 @@ _HEADER = struct.Struct(">HHHB")
 
 
 class Slave:
-    """The PLC on the wire: answering, silent, late or off."""
+    """The PLC with the state of its line: answering, silent, late or off."""
 
     def __init__(
         self, plc: Plc, *, unit: int, clock: Clock, faults: FaultBoard, attention: Attention
@@ -34,8 +34,8 @@ class Slave:
         self._reboots: Fault | None = None
 
     def off(self) -> bool:
-        """Return whether the PLC reboots now; its counter restarts afterwards, unless the PLC keeps
-        its counter.
+        """Return whether the PLC reboots now; afterwards its stop counter begins again, unless the
+        PLC keeps the counter.
         """
         now = self._faults.active("plc-reboot", self._clock.wall_s())
         if self._reboots is not None and now is None:
@@ -44,7 +44,9 @@ class Slave:
         return now is not None
 
     def answer(self, request: bytes) -> bytes | None:
-        """Return the response PDU to a request PDU, possibly late, or None without an answer."""
+        """Return the response PDU to a request PDU, possibly late; None if the PLC does not
+        answer.
+        """
         now = self._clock.wall_s()
         self._attention.looked(now)
         if self._faults.active("plc-silent", now):
@@ -70,11 +72,11 @@ class TcpSlave:
 
     @property
     def port(self) -> int:
-        """Return the port it listens on."""
+        """Return the port on which the PLC listens."""
         return self._address[1]
 
     def start(self) -> None:
-        """Begin to answer."""
+        """Start to answer requests."""
         self._thread.start()
 
     def close(self) -> None:
@@ -134,7 +136,7 @@ class TcpSlave:
             self._drop(stream)
 
     def _serve(self, stream: socket.socket, received: bytes) -> bytes:
-        """Answer every complete request and return the rest."""
+        """Answer every complete request in the received bytes and return the rest."""
         while len(received) > _HEADER.size:
             transaction, protocol, length, unit = _HEADER.unpack_from(received)
             end = 6 + length
@@ -162,7 +164,7 @@ class RtuSlave:
         self._thread = threading.Thread(target=self._run, name="virtual-plc-rtu")
 
     def start(self) -> None:
-        """Begin to answer."""
+        """Start to answer requests on the line."""
         self._thread.start()
 
     def close(self) -> None:

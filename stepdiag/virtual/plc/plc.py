@@ -28,13 +28,13 @@ _STOPPED, _RUNNING, _ALARM = 1, 2, 4
 
 
 class Plc:
-    """The registers at the moment of a master's reading.
+    """The registers of the PLC at the time of a master's request.
 
-    The image is renewed every ``scan_s``: a change in the control appears up to that much later,
-    counter and position ``lag_s`` later. ``order`` is the byte order of the 32-bit positions,
-    ``base`` the address of the block. ``registers`` selects commanded or actual positions; ``seed``
-    draws the scatter of actual positions anew for each scan. Coils and discrete inputs 0 to 2
-    repeat the bits of the state word.
+    The image is renewed every ``scan_s``: a change in the control appears up to ``scan_s`` later,
+    in counter and position ``lag_s`` after that. ``order`` is the byte order of the 32-bit
+    positions, ``base`` the address of the block. ``registers`` selects commanded or actual
+    positions; ``seed`` draws the scatter of actual positions anew for each scan. Coils and discrete
+    inputs 0 to 2 repeat the bits of the state word.
     """
 
     def __init__(  # noqa: PLR0913 - one argument a property of the PLC
@@ -69,8 +69,8 @@ class Plc:
         self._frozen: list[int] | None = None
 
     def reboot(self, *, counts_on: bool = False) -> None:
-        """Discard the captured stop, and start the stop counter again at 0, unless the PLC keeps
-        its counter.
+        """Discard the captured stop, and set the stop counter to 0, unless the PLC keeps the
+        counter.
         """
         with self._lock:
             if not counts_on:
@@ -81,8 +81,8 @@ class Plc:
             self._player.forget_captured()
 
     def read(self, table: str, address: int, count: int) -> Sequence[int]:
-        """Return registers or bits of the image; raises `ModbusError` outside it or during such a
-        fault.
+        """Return registers or bits of the image; raises `ModbusError` for an address outside the
+        image, or during a fault that causes an exception.
         """
         if fault := self._faults.active("plc-exception", self._clock.wall_s()):
             raise ModbusError(int(fault.value) or 4)
@@ -96,7 +96,7 @@ class Plc:
             return _slice(image, address - self._base, count)
 
     def write(self, table: str, address: int, values: Sequence[int]) -> None:
-        """Store ``captured``; a write to any other address is refused."""
+        """Store the register ``captured``; a write to any other address is refused."""
         if table != "holding" or address != CAPTURED_REGISTER or len(values) != 1:
             raise ModbusError(ILLEGAL_ADDRESS)
         with self._lock:
@@ -141,7 +141,7 @@ class Plc:
         return words + self._air(machine_s)
 
     def _shown_mm(self, segment: Segment, machine_s: float, scan: int) -> Array:
-        """Return the values of the position registers in a scan, shape (3,)."""
+        """Return the values of the position registers in one scan of the PLC, shape (3,)."""
         done = self._drive.fraction(
             segment.distance_mm, np.array([machine_s - segment.start_s])
         )[0]

@@ -218,7 +218,7 @@ def test_bytes_that_nobody_saw_are_a_time_without_a_watch_on_the_laser(away_ms, 
     ]
 
 
-DOWN = "the laser's link is down: no stop has a reading until it is back"
+DOWN = "the laser's link is down: no stop has a reading until the link is back"
 
 
 @pytest.mark.parametrize("before", [False, True], ids=["in the log", "before the log"])

@@ -183,7 +183,7 @@ def test_what_the_solver_suspects_keeps_its_pass_open_until_it_is_driven_again_o
     assert passes.whole()
     assert (
         str(only.why_incomplete())
-        == "contradicts the others: drive the pass again, or accept it"
+        == "contradicts the others: drive the pass again, or accept the doubt"
     )
     passes.accept(acceptance_of(doubt, reason="known", name="Kim", time_s=1.0))
     assert passes.complete()

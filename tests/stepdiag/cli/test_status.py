@@ -126,7 +126,7 @@ def test_the_folder_alone_is_enough_and_the_last_round_counts(survey):
     assert told(folder)["next_setup"] == "ppp"
     assert told(folder / "0001")["complete"]
     assert (
-        "every pass is in, no result yet: `stepdiag solve"
+        "every pass is complete, but there is no result yet: `stepdiag solve"
         in stepdiag("status", folder / "0001").out
     )
     (folder / "0001" / "result.json").write_text("{}", encoding="utf-8")

@@ -205,7 +205,7 @@ def test_a_file_that_came_meanwhile_stays_where_the_share_knows_links(
         monkeypatch.setattr("pathlib.Path.hardlink_to", _no_space)
         assert store.write_checked("x", b"ours") == b"ours"
         return
-    with pytest.raises(DataError, match="see who wrote it"):
+    with pytest.raises(DataError, match="find out who wrote this file"):
         store.write_checked("x", b"ours")
     assert Path(store.path("x")).read_bytes() == b"theirs"
 
@@ -258,7 +258,10 @@ def test_a_table_of_a_newer_or_foreign_version_is_named_as_such(
             )
             refresh_index(store, most_loose=0)
     with pytest.raises(
-        DataError, match="a newer stepdiag reads it" if name == "table" else "found none"
+        DataError,
+        match="a newer version of stepdiag can read this file"
+        if name == "table"
+        else "found none",
     ):
         series_of(store)
 

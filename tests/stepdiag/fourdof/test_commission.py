@@ -212,7 +212,7 @@ def test_a_sum_at_its_end_and_a_clipped_spot_are_refused():
     )
     with pytest.raises(
         DataError,
-        match=r"commission: qd: .*one leaves the others by 5\.\d %: its spot is clipped",
+        match=r"commission: qd: .*one sum differs from the others by 5\.\d %: the spot",
     ):
         commission(standings, NEW, RUN, "z", "2026-11-26")
 

@@ -65,7 +65,7 @@ def test_without_position_registers_it_is_said_what_nobody_checks(tmp_path):
     assert text in [each["text"] for each in result["findings"]]
     assert code == 0
     assert (
-        "every stop is taken to be where the plan has it"
+        "every stop is assumed at its planned position"
         in (tmp_path / "report.html").read_text()
     )
 
