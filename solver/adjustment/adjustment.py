@@ -13,7 +13,7 @@ from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, error, info
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
-from stepdiag.solver.adjustment.counts import Counts, counts
+from stepdiag.solver.adjustment.counts import counts
 from stepdiag.solver.adjustment.evidence import ODDS, PLACE, PRODUCT, STEP
 from stepdiag.solver.adjustment.exchanged import exchange
 from stepdiag.solver.adjustment.explanations import (
@@ -39,6 +39,7 @@ from stepdiag.solver.adjustment.scatter import (
     Misses,
     Scatter,
     estimated,
+    further,
     unshown,
 )
 from stepdiag.solver.adjustment.signs import unseen_signs, wrong_signs
@@ -363,11 +364,13 @@ class _Task:
     def _first_scatter(self) -> MixedFit:
         """Return the fit with the scatter that remains beside a named step of the count.
 
-        A single stop does not move the median of the residuals. A step moves every residual of its
-        pass: misses and noise would grow to hide it. It is looked for with the usual sizes.
+        A single stop hardly moves the robust scatter. A step of millimetres moves every residual of
+        its pass: misses and noise would grow to hide it. It is looked for with the usual sizes,
+        unless the readings scatter less than assumed: then no step is in them that could hide.
         """
         current = self._fit_with_tilts()
-        worst = self._worst(current)
+        within = current.chi_square <= current.freedom
+        worst = None if within else self._worst(current)
         if worst is None or not worst.decided or worst.best.kind not in (STEP, PLACE):
             return self._find_scatter(current, robust=True)
         self.effects.append(trial_of(self.layout, worst))
@@ -547,6 +550,7 @@ class _Task:
         """Return the fit with the scatter of its residuals, estimated without influence of wrong
         stops if ``robust``.
         """
+        last = np.zeros(FIRST + 1 + len(self.layout.setups))
         for _ in range(ROUNDS):
             before = self.scatter
             found = estimated(
@@ -561,7 +565,8 @@ class _Task:
                     freedom_noise=found.freedom_noise,
                 )
                 break
-            self._take(found)
+            last = further(found.log_um - before.log_um, last)
+            self._take(before.changed(last))
             current = self._again(current)
         return self._with_effects(current.fixed)
 
@@ -641,22 +646,25 @@ class _Task:
         """Return the worst contradiction.
 
         The search uses effects no larger than usual, in which the contradiction cannot hide; it
-        counts only if it explains the readings better than a larger size of the effects. The search
-        for further contradictions uses the sizes found.
+        counts only if it explains the readings better than a larger size of the effects. Otherwise
+        the search is repeated with the sizes found.
         """
         every = counts(current.fixed, self.layout)
         as_usual = _as_usual(current, self.effects, self.sizes)
-        usual = self._worst_in(as_usual, every)
+        found = most_suspicious(as_usual, self.design.columns, every)
+        if found is None:
+            return None
+        usual = self._beside(as_usual, found)
         if usual is not None and self._explains(usual, current):
             return usual
-        return self._worst_in(current, every)
+        found = most_suspicious(current, self.design.columns, every)
+        return None if found is None else self._beside(current, found)
 
-    def _worst_in(self, fit: MixedFit, every: Counts) -> Suspicion | None:
-        """Return the worst contradiction in a fit, None where a product or a scale explains it
-        nearly as well: these are weighed after the search (`solver.adjustment.explanations`).
+    def _beside(self, fit: MixedFit, found: Suspicion) -> Suspicion | None:
+        """Return a contradiction; None where a product or a scale explains it nearly as well: these
+        are weighed after the search (`solver.adjustment.explanations`).
         """
-        found = most_suspicious(fit, self.design.columns, every)
-        if found and found.best.odds <= most_odds_beside(fit, self.layout) + np.log(ODDS):
+        if found.best.odds <= most_odds_beside(fit, self.layout) + np.log(ODDS):
             return None
         return found
 

@@ -4,7 +4,7 @@ readings, steps, walks, all at once; and the ways that were driven more than onc
 Computed once for a fit without causes; causes of any size are a small correction to it.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -85,14 +85,13 @@ def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> 
     """Return every unbroken count with more than a handful of used readings; only for the given
     kinds of setups, if any.
     """
-    known = _Known(fixed)
+    every = [rows for rows in _unbroken(fixed, layout, kinds) if len(rows) > LEAST_ROWS]
     place = layout.target_index
     return Counts(
         fixed=fixed,
         single=[
-            _count(known, layout, place, rows)
-            for rows in _unbroken(fixed, layout, kinds)
-            if len(rows) > LEAST_ROWS
+            _count(fixed.weight[rows], among, layout, place, rows)
+            for rows, among in zip(every, _among_each(fixed, every), strict=True)
         ],
     )
 
@@ -120,12 +119,16 @@ def _unbroken(
 
 
 def _count(
-    known: "_Known", layout: Layout, place: NDArray[np.int64], rows: NDArray[np.int64]
+    weight: Vector,
+    among: "_Among",
+    layout: Layout,
+    place: NDArray[np.int64],
+    rows: NDArray[np.int64],
 ) -> Count:
-    """Return a count from W - W A C A' W among its rows: the residue of their readings after a fit
-    without causes.
+    """Return a count from W - W A C A' W among its rows, which is the residue of their readings
+    after a fit without causes; ``weight`` (k,) and ``among`` are W and A C A'.
     """
-    weight, walk, among = known.fixed.weight[rows], walk_of(len(rows)), known.among(rows)
+    walk = walk_of(len(rows))
     own = weight**2 * among.diagonal()
     # all readings from one reading on: its own share, and twice the common part with each later
     # reading
@@ -212,43 +215,34 @@ class _Among:
         return product
 
 
-class _Known:
+def _among_each(fixed: Fit, every: Sequence[NDArray[np.int64]]) -> Iterator[_Among]:
     """Yield A C A' among the rows of each count.
 
     Two counts of the same pass, repeated, differ only in their zero and drift, each of which is
     common to all rows of its count: A = B + D, and B C B' is computed once for all of them, as long
     as they follow each other.
     """
-
-    def __init__(self, fixed: Fit) -> None:
-        self.fixed = fixed
-        self._before: tuple[bytes, Vector, Vector] | None = None
-
-    def among(self, rows: NDArray[np.int64]) -> _Among:
-        """Return A C A' among some rows."""
-        some = self.fixed.rows.select(rows)
-        alike = (np.ptp(some.column, axis=0) == 0) & np.any(some.value, axis=0)
-        own, rest = (
-            some.value[:, alike],
-            Rows(some.column * ~alike, some.value * ~alike, some.count),
-        )
-        unit = np.zeros((some.count, own.shape[1]))
-        unit[some.column[0, alike], np.arange(own.shape[1])] = 1.0
-        solved = self.fixed.inverse.solve(unit)
-        alike, above = self._of(rest)
-        return _Among(
-            alike=alike,
+    some = [fixed.rows.select(rows) for rows in every]
+    alike = [(np.ptp(one.column, axis=0) == 0) & np.any(one.value, axis=0) for one in some]
+    common = [one.column[0, mine] for one, mine in zip(some, alike, strict=True)]
+    edges = np.cumsum([0, *map(len, common)])
+    unit = np.zeros((fixed.rows.count, edges[-1]))
+    unit[np.concatenate([np.zeros(0, dtype=np.int64), *common]), np.arange(edges[-1])] = 1.0
+    solved = np.split(fixed.inverse.solve(unit), edges[1:-1], axis=1)
+    before, among = None, np.zeros((0, 0))
+    for one, mine, column, moved in zip(some, alike, common, solved, strict=False):
+        own = one.value[:, mine]
+        rest = Rows(one.column * ~mine, one.value * ~mine, one.count)
+        key = rest.column.tobytes() + rest.value.tobytes()
+        if key != before:
+            before, among = key, fixed.inverse.among(rest)
+            above = np.triu(among, 1)
+        yield _Among(
+            alike=among,
             above=above,
-            across=rest.times(solved) + 0.5 * own @ (unit.T @ solved),
+            across=rest.times(moved) + 0.5 * own @ moved[column],
             own=own,
         )
-
-    def _of(self, rest: Rows) -> tuple[Vector, Vector]:
-        key = rest.column.tobytes() + rest.value.tobytes()
-        if self._before is None or key != self._before[0]:
-            found = self.fixed.inverse.among(rest)
-            self._before = key, found, np.triu(found, 1)
-        return self._before[1:]
 
 
 def from_each_on(values: Vector) -> Vector:

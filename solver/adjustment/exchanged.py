@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import counts
-from stepdiag.solver.adjustment.evidence import EXCHANGED, ODDS, log_prior
+from stepdiag.solver.adjustment.evidence import EXCHANGED, ODDS, log_prior, response_of
 from stepdiag.solver.adjustment.faults import most_odds
 from stepdiag.solver.linear.components import gained
 from stepdiag.solver.linear.mixed import MixedFit
@@ -35,8 +35,8 @@ def exchange(usual: MixedFit, layout: Layout) -> tuple[tuple[int, int], Vector] 
     for column, (_, first, second) in enumerate(every):
         moved_um = layout.deviation_um[second] - layout.deviation_um[first]
         changes[first, column], changes[second, column] = moved_um, -moved_um
-    target = usual.fixed.target
-    left = np.array([usual.for_target(target + change).chi_square for change in changes.T])
+    response = response_of(usual, np.arange(len(changes)), changes)
+    left = usual.chi_square + 2.0 * response.shown + np.diag(response.seen)
     odds = 0.5 * gained(usual, left) + log_prior(EXCHANGED, len(every))
     best = int(np.argmax(odds))
     against = odds[best] - np.log(ODDS)

@@ -12,21 +12,28 @@ In a pass without overrun the axes reach the first stop from either side: the mi
 stop have a separate size, which includes the backlash. Misses are unknowns of the adjustment, held
 near zero by a prior with the repeatability (`solver.model.priors`); noise is the inverse root of a
 reading's weight. Repeats, the comparison of the way out with the way back, and the pattern of three
-stops of a miss in a step diagonal separate the two. A standard deviation s that was assumed as s0
-has the likelihood (Foerstner 1979; after convergence it is the restricted maximum likelihood)
+stops of a miss in a step diagonal separate the two. The sizes are the most likely together, by the
+restricted likelihood of the readings and a prior. The prior is normal in the logarithm: the axes of
+a machine have similar repeatability, setups of a survey are similar, and both are within a broad
+range of the assumed size. Where the readings show nothing, the assumed size stays.
 
-    log L(s) = -1/2 (n log(s^2 / s0^2) + S s0^2 / s^2),    n = sum of redundancies,    S = sum of
-    weighted squared residuals
+The likelihood is climbed in rounds. With the sizes of a round, each kind of rows has the sum n of
+its redundancies and the weighted square sum S of its residuals. For a variance larger by a factor r
+the logarithm of the likelihood is about (Foerstner 1979; exact in the end, when r is one)
 
-over its rows. Before the search for wrong stops, S comes from the median of the residuals, which
-single stops do not change. The prior is normal in the logarithm: the axes of a machine have similar
-repeatability, setups of a survey are similar, and both are within a broad range of the assumed
-size. The sizes are estimated together as the most likely; where the readings show nothing, the
-assumed size stays.
+    -1/2 (n log r + S / r),    r = 1 - w + w s^2 / s0^2
+
+where s replaces s0, and w is the share of s0^2 in the variance: the stated part of a noise does not
+change. Its largest value with the prior is the next round. Sizes that the readings tell apart badly
+come nearer by about the same share in each round: each step is extended by the steps that would
+follow it.
+
+Before the search for wrong stops, S is n times a robust mean of the squares, which single stops
+hardly change.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -36,7 +43,7 @@ from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.mixed import AnyFit
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.model.noise import CHECKED, LEAST_FREEDOM, LEAST_U_UM
+from stepdiag.solver.model.noise import LEAST_FREEDOM, LEAST_U_UM
 
 FIRST = 3
 """Kind of the misses at first stops; 0, 1, 2 are the axes."""
@@ -62,10 +69,18 @@ out.
 SETTLED = 0.05
 """Sizes that change by less than this share have converged."""
 ROUNDS = 8
-_LOG = np.linspace(-8.0, 8.0, 401)
-_COMMON = np.linspace(-8.0, 8.0, 161)
-_NORMAL = 1.4826
-"""Ratio of the standard deviation of a normal variable to the median of its size."""
+_STEPS, _LONGEST, _EXACT = 40, 1.0, 1e-6
+"""Newton's iteration on the logarithms: number of steps, the longest, and the size of the last."""
+_USUAL_RATE, _RATES = 0.3, (-1.0, 0.5)
+"""Usual ratio of two successive steps, and the range of the ratio that extends a step: outside of
+it the ratio comes from the other sizes.
+"""
+_LEAST_REDUNDANCY = 1e-6
+"""Redundancy below which only rounding is left of a residual."""
+_MOST, _OF_NORMAL = 1.5, 0.778465
+"""Largest residual that a robust mean counts, in standard deviations, and the mean square of a
+normal variable that is cut off there.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,6 +127,17 @@ class Scatter:
         )
         return u
 
+    @property
+    def log_um(self) -> Vector:
+        """Return the logarithms of all sizes, misses first, shape (4 + setups,)."""
+        found: Vector = np.log(np.concatenate([self.misses_um, self.noise_um]))
+        return found
+
+    def changed(self, step: Vector) -> "Scatter":
+        """Return the scatter with the logarithms of all sizes changed by ``step`` (4 + setups,)."""
+        size = np.maximum(np.exp(self.log_um + step), LEAST_U_UM)
+        return replace(self, misses_um=size[: FIRST + 1], noise_um=size[FIRST + 1 :])
+
     def near(self, other: "Scatter", layout: Layout) -> bool:
         """Return whether the scatter of readings and misses agrees with another within
         `SETTLED`.
@@ -145,104 +171,110 @@ def estimated(
     """Return the most likely sizes by a fit made with the sizes ``before``; ``robust`` if stops may
     be wrong.
     """
-    # backlash at first stops has the same size in all passes of an axis, so a median would not
-    # remove it
-    shown = [
-        _shown(fit, misses.rows[misses.kind == kind], robust=robust and kind != FIRST)
-        for kind in range(FIRST + 1)
+    share = np.minimum((before.noise_um[layout.setup_index] / before.u_um(layout)) ** 2, 1.0)
+    by_setup = [
+        np.flatnonzero(layout.setup_index == setup) for setup in range(len(layout.setups))
     ]
-    likely = [_likely(np.exp(2.0 * _LOG), *one) for one in shown]
-    log, size = np.log(before.misses_um), assumed.misses_um
-    axes = _together(likely[:FIRST], log[:FIRST], size[:FIRST], AXES_ALIKE)
-    first = _together(likely[FIRST:], log[FIRST:], size[FIRST:], BROAD)
-    noise, freedom = _noise(fit, layout, before, assumed, robust=robust)
+    shown = [
+        *(
+            _shown(fit, misses.rows[misses.kind == kind], robust=robust)
+            for kind in range(FIRST + 1)
+        ),
+        *(_shown(fit, rows, robust=robust) for rows in by_setup),
+    ]
+    freedom, squares = np.array(shown).T
+    of_size = np.concatenate(
+        [np.ones(FIRST + 1), [np.mean(share[rows]) for rows in by_setup]]
+    )
+    found = np.maximum(
+        np.exp(_most_likely(before.log_um, assumed.log_um, of_size, freedom, squares)),
+        LEAST_U_UM,
+    )
+    shown_freedom = np.where(freedom >= 1.0, freedom, 0.0)
     return Scatter(
-        misses_um=np.maximum(np.concatenate([axes, first]), LEAST_U_UM),
-        noise_um=np.maximum(noise, LEAST_U_UM),
-        freedom_misses=np.array([freedom for freedom, _ in shown]),
-        freedom_noise=freedom,
+        misses_um=found[: FIRST + 1],
+        noise_um=found[FIRST + 1 :],
+        freedom_misses=shown_freedom[: FIRST + 1],
+        freedom_noise=shown_freedom[FIRST + 1 :],
     )
 
 
-def _noise(
-    fit: AnyFit, layout: Layout, before: Scatter, assumed: Scatter, *, robust: bool
-) -> tuple[Vector, Vector]:
-    """Return the noise of every setup, and the degrees of freedom of its estimate, shapes
-    (setups,).
+def further(step: Vector, last: Vector) -> Vector:
+    """Return a step (k,) of the logarithms extended by the steps that would follow it: each is the
+    same share of the one before it (Aitken's delta-squared process), `_USUAL_RATE` of the first.
     """
-    stated = _stated_um(layout)
-    used_um = before.u_um(layout)
-    likely, freedom = [], np.zeros(len(layout.setups))
-    for index in range(len(layout.setups)):
-        rows = np.flatnonzero((layout.setup_index == index) & (fit.weight[: len(layout)] > 0))
-        freedom[index], squares = _shown(fit, rows, robust=robust)
-        size = before.noise_um[index] * np.exp(_LOG)
-        share = (
-            (stated[rows, None] ** 2 + size**2) / used_um[rows, None] ** 2
-            if len(rows)
-            else np.ones((1, len(_LOG)))
-        )
-        likely.append(_likely(np.mean(share, axis=0), freedom[index], squares))
-    return _together(likely, np.log(before.noise_um), assumed.noise_um, SETUPS_ALIKE), freedom
+    rate = np.where(
+        last == 0.0,
+        _USUAL_RATE,
+        np.clip(step * last / np.maximum(last**2, _EXACT**2), *_RATES),
+    )
+    found: Vector = step / (1.0 - rate)
+    return found
 
 
 def _shown(fit: AnyFit, rows: NDArray[np.int64], *, robust: bool) -> tuple[float, float]:
-    """Return degrees of freedom and square sum of the residuals of some rows, as evidence of their
-    scatter.
-    """
+    """Return the degrees of freedom n of some rows, and S, as evidence of their scatter."""
     redundancy = fit.redundancy[rows]
-    used = (redundancy > CHECKED) & (fit.weight[rows] > 0)
-    checked, freedom = rows[used], float(np.sum(redundancy[used]))
-    if freedom < 1.0:
-        return 0.0, 0.0
+    used = (redundancy > _LEAST_REDUNDANCY) & (fit.weight[rows] > 0)
+    checked, redundancy = rows[used], redundancy[used]
     weighted = fit.weight[checked] * fit.residual[checked] ** 2
-    if not robust:
-        return freedom, float(np.sum(weighted))
-    normalised = np.sqrt(weighted / redundancy[used])
-    return freedom, freedom * (_NORMAL * float(np.quantile(normalised, 0.5))) ** 2
+    freedom, squares = float(np.sum(redundancy)), float(np.sum(weighted))
+    if robust and squares > 0.0:
+        squares = freedom * _robust_mean(weighted / redundancy)
+    return freedom, squares
 
 
-def _likely(ratio: Vector, freedom: float, squares: float) -> Vector:
-    """Return the log-likelihood of variances larger by ``ratio`` than those of the fit."""
-    found: Vector = -0.5 * (freedom * np.log(ratio) + squares / ratio)
-    return found
+def _robust_mean(square: Vector) -> float:
+    """Return the mean of squares (k,) of normal variables, not all of them zero, of which those
+    beyond `_MOST` standard deviations count as much as one there (Huber's proposal 2).
+    """
+    mean = float(np.mean(square))
+    for _ in range(_STEPS):
+        before = mean
+        mean *= float(np.mean(np.minimum(square / mean, _MOST**2))) / _OF_NORMAL
+        if abs(mean - before) <= SETTLED * before:
+            break
+    return mean
 
 
-def _together(
-    likely: Sequence[Vector], log_before: Vector, assumed: Vector, alike: float
+def _most_likely(
+    before: Vector, usual: Vector, share: Vector, freedom: Vector, squares: Vector
 ) -> Vector:
-    """Return the sizes of a class that are most likely together, shape (k,).
-
-    ``likely`` (k, sizes) are the log-likelihoods of sizes ``before`` * exp(`_LOG`); the class has a
-    common size in addition to the assumed.
+    """Return the logarithms of all sizes that are most likely together, shape (4 + setups,), by n
+    and S of each at the logarithms ``before``; ``share`` is w.
     """
-    best = np.argmax(
-        sum(
-            (
-                np.max(_by_common(*one, alike), axis=1)
-                for one in zip(likely, log_before - np.log(assumed), strict=True)
-            ),
-            -0.5 * (1.0 / BROAD**2 + len(likely) / alike**2) * _COMMON**2,
+    prior, log = _prior_information(len(before) - FIRST - 1), before
+    for _ in range(_STEPS):
+        size = share * np.exp(2.0 * (log - before))
+        ratio = 1.0 - share + size
+        now, left = size / ratio, squares / ratio
+        # n itself grows with the size: a size that the readings do not show must not leap
+        number = freedom * np.maximum(ratio, 1.0)
+        curved = 2.0 * now**2 * left + 2.0 * now * number * (ratio > 1.0)
+        step = np.linalg.solve(
+            np.diag(curved) + prior, now * (left - number) - prior @ (log - usual)
         )
-    )
-    found = [
-        at
-        + _LOG[
-            np.argmax(one - 0.5 * ((at + _LOG - np.log(own) - _COMMON[best]) / alike) ** 2)
-        ]
-        for one, at, own in zip(likely, log_before, assumed, strict=True)
-    ]
-    return np.array(np.exp(found))
+        step *= min(1.0, _LONGEST / max(float(np.max(np.abs(step))), _EXACT))
+        log = log + step
+        if np.max(np.abs(step)) <= _EXACT:
+            break
+    return log
 
 
-def _by_common(likely: Vector, shift: float, alike: float) -> Vector:
-    """Return the log-likelihood and prior of every size (columns) for each common size (rows), less
-    the square of the common size: one product and one sum for each pair.
+def _prior_information(setups: int) -> Vector:
+    """Return the inverse covariance of the logarithms of all sizes before any reading, shape (4 +
+    setups, 4 + setups): sizes of a class share a deviation from the assumed size.
     """
-    size = shift + _LOG
-    found: Vector = np.outer(_COMMON / alike**2, size)
-    found += likely - 0.5 * (size / alike) ** 2
-    return found
+    edges = np.cumsum([0, FIRST, 1, setups])
+    prior = np.zeros((edges[-1], edges[-1]))
+    for first, last, alike in zip(
+        edges, edges[1:], (AXES_ALIKE, BROAD, SETUPS_ALIKE), strict=False
+    ):
+        count = last - first
+        prior[first:last, first:last] = np.linalg.inv(
+            BROAD**2 * np.ones((count, count)) + alike**2 * np.eye(count)
+        )
+    return prior
 
 
 def unshown(found: Scatter, layout: Layout) -> Sequence[str]:

@@ -109,10 +109,11 @@ def invert(
 ) -> Inverse:
     """Return a generalised inverse of A.T diag(weight) A.
 
-    ``like`` is an inverse of the same rows under other (positive) weights: the null space does not
-    depend on the weights.
+    ``like`` is an inverse of the same rows under other (positive) weights, or without rows that it
+    determines: the null space depends on neither.
     """
-    system = _scaled(pack(rows, blocks) if like is None else like.packed, weight)
+    same = like is not None and like.packed.rows is rows
+    system = _scaled(like.packed if like and same else pack(rows, blocks), weight)
     if like is None:
         basis, held, elimination = _null_space(system)
     else:

@@ -91,7 +91,12 @@ class Packed:
             if block in by_block:
                 piece = by_block[block]
                 scaled = piece.value * scale[piece.column]
-                total[piece.row] = np.einsum("ij,ij->i", scaled @ inverse, scaled)
+                # of a prior on one unknown, only the diagonal counts
+                several = np.count_nonzero(piece.value, axis=1) > 1
+                square = scaled**2 @ np.diag(inverse)
+                some = scaled[several]
+                square[several] = np.einsum("ij,ij->i", some @ inverse, some)
+                total[piece.row] = square
         return total
 
 

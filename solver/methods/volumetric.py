@@ -45,10 +45,8 @@ from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.uncertainty.machine import (
     Machine,
-    covariance,
     free_fields_um,
     machine_of,
-    over_volume,
     posterior_of,
     separated,
     usual_rows,
@@ -336,12 +334,10 @@ def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[s
         found.design, found.shapes, found.first_cause("angles"), len(wider.group)
     )
     fields = free_fields_um(machine, found.layout.volume, found.design.chain)
-    with_head, without = (
-        over_volume(covariance(one, machine), fields)[0] for one in (quiet, wider)
-    )
+    moved = wider.moved(machine.combination, machine.on_causes)
+    over = moved.T @ (fields @ fields.T) @ moved
+    less = 3.0 * float(np.sum((wider.amount - quiet.amount) * over)) / fields.shape[1]
     return {
         "now": now_um,
-        "with_head": float(
-            np.sqrt(max(now_um**2 - max(without**2 - with_head**2, 0.0), 0.0))
-        ),
+        "with_head": float(np.sqrt(max(now_um**2 - max(less, 0.0), 0.0))),
     }

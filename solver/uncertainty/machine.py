@@ -180,10 +180,16 @@ def with_usual(mixed: MixedFit, design: Design, rows: Rows, u: Vector) -> MixedF
 
 
 def with_rows(
-    mixed: MixedFit, design: Design, rows: Rows, u: Vector, pattern: Vector
+    mixed: MixedFit,
+    design: Design,
+    rows: Rows,
+    u: Vector,
+    pattern: Vector,
+    like: Inverse | None = None,
 ) -> MixedFit:
     """Return the fit with further rows whose target is zero, and the effect of further causes on
-    them: ``pattern`` (rows, k), each of size one.
+    them: ``pattern`` (rows, k), each of size one. ``like`` is an inverse that determines all of
+    these rows, if they add nothing to what the readings determine.
     """
     fixed, before = mixed.fixed, mixed.causes.pattern
     again = fit(
@@ -191,6 +197,7 @@ def with_rows(
         design.blocks,
         np.concatenate([fixed.target, np.zeros(len(rows))]),
         np.concatenate([fixed.weight, 1.0 / u**2]),
+        like,
     )
     every = np.block(
         [

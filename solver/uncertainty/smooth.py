@@ -78,7 +78,14 @@ def smoothed(spread: Spread, design: Design, quantities: Quantities) -> Spread:
     pattern = _diagonal([each[:, np.any(each, axis=0)] for each in longer])
     u = np.sqrt(nodes / 2.0 * np.repeat([power[-1] for power in powers], nodes - 1))
     return Spread(
-        with_rows(spread.fit, design, reduce(Rows.followed_by, seen), u, pattern),
+        with_rows(
+            spread.fit,
+            design,
+            reduce(Rows.followed_by, seen),
+            u,
+            pattern,
+            spread.fit.inverse,
+        ),
         np.append(spread.group, np.full(pattern.shape[1], len(spread.names))),
         (*spread.names, BENDS),
         Sizes(np.append(spread.sizes.factor, 1.0), np.append(spread.sizes.sought, False)),

@@ -51,14 +51,6 @@ class Spread:
             self.fit.amount_covariance,
         )
 
-    @cached_property
-    def amount_of_noise(self) -> Vector:
-        """Return the effect of a unit of noise of each row, by its own deviation, on the amounts,
-        shape (q, m).
-        """
-        matrix: Vector = self.fit.amount_covariance @ self.fit.causes.scaled.T
-        return matrix
-
     def moved(self, combination: Rows, on_causes: Vector | None = None) -> Vector:
         """Return T, how the causes move combinations of the unknowns (rows) and of the amounts (k,
         q), shape (k, q)."""
@@ -72,8 +64,9 @@ class Spread:
 
     def variance_by_readings(self, moved: Vector) -> Vector:
         """Return the variance by the readings' noise through the amounts, shape (k,)."""
-        found: Vector = np.sum((moved @ self.amount_of_noise) ** 2, axis=1)
-        return found
+        by_shown = moved @ self.fit.amount_covariance
+        found: Vector = np.sum((by_shown @ self.fit.causes.seen) * by_shown, axis=1)
+        return np.maximum(found, 0.0)
 
     def shares(self, moved: Vector) -> dict[str, Vector]:
         """Return the standard uncertainty of each group of causes by itself, shapes (k,); the rest

@@ -83,7 +83,7 @@ def _predicted(
     tolerance: Mapping[str, float],
 ) -> Predicted:
     moved_um2, rigid_um2 = machines.moved_um2(motions)
-    waves_um = machines.between.drawn_um(FOR_LARGEST)
+    waves_um, every_um = machines.between.drawn_um(FOR_LARGEST), machines.every_um()
     parts: dict[str, dict[When, FieldFigures]] = {}
     none: Mapping[str, float] = {}
     for name, free, square_um2, allowed in (
@@ -92,7 +92,9 @@ def _predicted(
     ):
         fields = machines.drawn(correction_um, free)
         # the uncertainty is equal before and after: only the drawn fields differ
-        beside_um = machines.beside_um(fields["before"], waves_um)
+        beside_um = _flat(every_um, free).reshape(every_um.shape)
+        if waves_um is not None:
+            beside_um = beside_um + waves_um
         parts[name] = {
             when: machines.figures(drawn, square_um2, beside_um, allowed)
             for when, drawn in fields.items()
@@ -178,7 +180,8 @@ class _Machines(NamedTuple):
     """Drawn machines. ``before``: the estimated error field at the points. ``moved``: the effect of
     each deviation of the posterior at the points. ``amount`` (draws, deviations): the drawn amounts
     of the deviations. ``between``: the deviations between the targets. ``noise``: the part of the
-    field that is noise of the estimate (`_adjusted_um`).
+    field that is noise of the estimate (`_adjusted_um`). ``common_um2`` and ``bent_um2``: the
+    covariances of this noise (`_common_um2`), rigid motion not removed.
     """
 
     before: Vector
@@ -188,6 +191,8 @@ class _Machines(NamedTuple):
     noise: Vector
     bent: Vector
     together: Vector
+    common_um2: float
+    bent_um2: float
     known: bool
 
     def drawn(self, correction_um: Vector, motions: Vector | None) -> dict[When, _Drawn]:
@@ -196,9 +201,7 @@ class _Machines(NamedTuple):
         """
         flat, found = _flat(self.moved, motions), _flat(self.before[None], motions)
         square_um2 = max(float(np.sum(found**2)), 1e-30)
-        bending = _flat(self.bent, motions)
-        common_um2 = _common_um2(flat, _flat(self.noise, motions), self.together)
-        bent_um2 = _common_um2(bending, bending, self.together)
+        common_um2, bent_um2 = self._shared_um2(motions)
         met = self.between.met(flat[1:])
         fields: dict[When, _Drawn] = {}
         changes: dict[When, Vector] = {
@@ -218,6 +221,22 @@ class _Machines(NamedTuple):
             fields[when] = _Drawn(whole, likely, 2.0 * over_um2 + bent_um2 - across_um2)
         return fields
 
+    def _shared_um2(self, motions: Vector | None) -> tuple[float, float]:
+        """Return the covariance of the complete error with the part that is noise of the estimate,
+        and the variance of the addition of the smooth curve, each summed over the points.
+        """
+        moved, noise, bent = (
+            _flat(each, None) for each in (self.moved, self.noise, self.bent)
+        )
+        both = [(moved, noise, self.common_um2), (bent, bent, self.bent_um2)]
+        common, bending = (
+            whole
+            if motions is None
+            else whole - _common_um2(one @ motions, other @ motions, self.together)
+            for one, other, whole in both
+        )
+        return max(common, 0.0), max(bending, 0.0)
+
     def moved_um2(self, motions: Vector) -> tuple[Vector, Vector]:
         """Return, for all deviations but the offset, the square sum of their effect over all
         points, (draws,), and the square sum of the rigid motions in this effect, (draws,).
@@ -229,13 +248,13 @@ class _Machines(NamedTuple):
             (amount @ (flat @ motions)) ** 2, axis=1
         )
 
-    def beside_um(self, drawn: _Drawn, waves_um: Vector | None) -> Vector:
-        """Return the effect of all deviations but the offset in `FOR_LARGEST` draws, plus the drawn
-        deviations between the targets (`Between.drawn_um`), shape (draws, N, 3).
+    def every_um(self) -> Vector:
+        """Return the effect of all deviations but the offset in `FOR_LARGEST` draws, rigid motion
+        not removed, shape (draws, N, 3).
         """
-        amount = self.amount[:FOR_LARGEST, 1:]
-        moved: Vector = (amount @ drawn.whole[1:]).reshape(len(amount), -1, 3)
-        return moved if waves_um is None else moved + waves_um
+        amount, flat = self.amount[:FOR_LARGEST, 1:], _flat(self.moved, None)[1:]
+        every: Vector = (amount @ flat).reshape(len(amount), *self.moved.shape[1:])
+        return every
 
     def figures(
         self,
@@ -245,8 +264,8 @@ class _Machines(NamedTuple):
         tolerance: Mapping[str, float],
     ) -> FieldFigures:
         """Return the figures of the whole volume. ``moved_um2`` (draws,) is the square sum of the
-        effect of all deviations but the offset; ``beside_um`` is the value of the method
-        `beside_um`.
+        effect of all deviations but the offset. ``beside_um`` (draws, N, 3) is this effect with the
+        drawn deviations between the targets (`Between.drawn_um`).
         """
         rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)
         largest_um = _largest_um(drawn.likely, beside_um)
@@ -283,15 +302,19 @@ def _machines(
         before = before + bend_um(result, points_mm)
     amount = np.ones((1, 1)) if posterior is None else posterior.drawn(draws)
     arches = arches_of(result, points_mm, len(amount))
+    moved, together = _moved(result, posterior, points_mm), _together(amount)
     noise, bent = _adjusted_um(result, posterior, points_mm)
+    of_moved, of_noise, of_bent = (_flat(each, None) for each in (moved, noise, bent))
     return _Machines(
         before,
-        _moved(result, posterior, points_mm),
+        moved,
         amount,
         arches,
         noise,
         bent,
-        _together(amount),
+        together,
+        _common_um2(of_moved, of_noise, together),
+        _common_um2(of_bent, of_bent, together),
         posterior is not None,
     )
 
@@ -369,9 +392,7 @@ def _common_um2(moved: Vector, noise: Vector, together: Vector) -> float:
     smaller than that of the draws by twice this covariance (the bias of Stein 1956, subtracted).
     ``noise`` and ``moved`` are rows of deviations, ``together`` is the covariance of their amounts.
     """
-    return (
-        max(float(np.sum((together @ noise[1:]) * moved[1:])), 0.0) if len(noise) > 1 else 0.0
-    )
+    return float(np.sum((together @ noise[1:]) * moved[1:])) if len(noise) > 1 else 0.0
 
 
 def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
