@@ -212,8 +212,8 @@ def _first_of(index: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _drift(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the effect of a linear drift in each unbroken count; a drift that a return pass
-    determines is an unknown of the design instead.
+    """Return the effect of a linear drift in each unbroken count; the drift of a pass with its
+    return is an unknown of the design besides.
     """
     pattern = assumed.drift_um * _by(layout.offset_index, _elapsed(layout))
     return Effect(
