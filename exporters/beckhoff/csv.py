@@ -28,12 +28,12 @@ _ANGLE = re.compile(r"^E[ABC][XYZ]\Z")
 _POSITION_ERROR = re.compile(r"^[XYZABC]0[XYZABC]\Z")
 _WIDTH = 12
 _MARK, _END = b"// values and positions in mm", b"// end"
-"""The first and last comment of files from this program: the format itself has no end mark."""
+"""The first and the last comment in files of this program, because the format has no end mark."""
 RAD_DECIMALS = 9
 """Number of decimal places of an angle in rad: the last place is a nanoradian."""
 _FINER = 2
-"""Number of decimal places beyond the resolution of the tables in a straightness column from which
-a squareness is subtracted.
+"""Number of further decimal places of a straightness column from which a squareness is
+subtracted.
 """
 SHIFTS = {"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"}
 """The function into which each squareness is read back: the function with the same shift of the

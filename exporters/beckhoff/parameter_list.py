@@ -72,7 +72,7 @@ def read(
 
 def switches_in(file: ControlFile) -> dict[str, str]:
     """Return the switch ``lr_param.ssfk`` of the leadscrew error (P-AXIS-00175) in an axis list,
-    under the name with the axis; {} if the list has no such switch.
+    under a name that contains the axis; {} if the list has no such switch.
     """
     values = _values(file)
     axis, switch = values.get("kopf.achs_nr"), values.get(SWITCH)

@@ -197,7 +197,7 @@ class Fanuc:
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
         """Return the tables in the memory of the control after loading: a new punch file replaces
-        the own file from which it was made.
+        the machine's file from which it was made.
         """
         files = copied(own, new)
         if not new:
@@ -363,8 +363,8 @@ def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
 def _require_pitch_points(
     tables: Sequence[Table], masters: Sequence[PunchFile], profile: Profile
 ) -> None:
-    """Raise SafetyError for a four-point table whose axis keeps its old pitch points, if the own
-    file has these points at another interval than the profile.
+    """Raise SafetyError for a four-point table whose axis keeps its old pitch points, if the
+    machine's own file states another interval of these points than the profile.
     """
     options = profile.options_as(FanucOptions)
     own = {table.input_axis for table in tables if table.kind == pitch.KIND}

@@ -30,9 +30,9 @@ no parameter file of the machine.
 def fitted(
     parameters: Mapping[Key, str], master: PunchFile, options: FanucOptions
 ) -> dict[Key, str]:
-    """Return the parameters in the form of the machine's own file: a bit within its byte; an
-    interval in least input units if the file writes it without a decimal point (old controls), else
-    in mm (new controls).
+    """Return the parameters in the form of the machine's own file: a bit becomes part of its byte,
+    and an interval is in least input units if the file has no decimal point (old controls), else in
+    mm (new controls).
     """
     result: dict[Key, str] = {}
     for (number, axis), text in parameters.items():

@@ -1,13 +1,13 @@
-"""Heidenhain: a ``.COM`` table per input axis and the ``.CMA`` file that assigns them, in two
-generations.
+"""Heidenhain: a ``.COM`` table for each input axis, and the ``.CMA`` file that assigns the tables
+to the axes, for two generations of controls.
 
 MANUALplus 620 technical manual pp. 716, 718 (TNC 640 alike), TNC 407 technical manual pp. 153, 622:
 the column Z of the table that the .CMA names under Y holds Z = F(Y), so the columns beside the
 positioning errors hold straightness and squareness. Newer controls have the position in each row
-(``AXISPOS``), older ones a ``DATUM`` and a ``DISTANCE`` in the first line. Values in mm as error:
-MP720 calls an error positive when the table travels too far (TNC 407 p. 151). No page states the
-sense for .COM, so a sign test is necessary. Column widths are those of the control's own file if
-the profile names it.
+(``AXISPOS``), older ones a ``DATUM`` and a ``DISTANCE`` in the first line. The values are errors in
+mm: MP720 calls an error positive when the table travels too far (TNC 407 p. 151). No page states
+the sense for .COM, so a sign test is necessary. Column widths are those of the control's own file
+if the profile names it.
 
 KinematicsComp of the iTNC 530 (HSCI technical manual pp. 666-686): with ``chain`` the columns C1 to
 C6 of an axis' table hold its errors other than positioning, and five rows before its ``MachAxis``

@@ -1,4 +1,5 @@
-"""LinuxCNC: one COMP_FILE of type 0 per axis, and the squareness as coefficients of ``matrixkins``.
+"""LinuxCNC: one COMP_FILE of type 0 for each axis, and coefficients of ``matrixkins`` for the
+squarenesses.
 
 Source read at commit 5c41560: inijoint.cc, usrmotintf.cc, command.c, control.c, matrixkins.comp. A
 row of type 0 is ``nominal forward-actual reverse-actual``, where forward-actual and reverse-actual
@@ -406,8 +407,8 @@ def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
 
 
 def _partner(curve: Curve, curves: Sequence[Curve]) -> list[Curve]:
-    """Return the other curve of the pair of axes for a new coefficient; none for an old
-    coefficient, which already contains both curves.
+    """Return the other curve of the pair of axes for a new coefficient; none if the coefficient
+    comes from an old table, which already contains both curves.
     """
     pair = [
         each

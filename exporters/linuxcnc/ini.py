@@ -161,8 +161,8 @@ def unless_named(before: Naming, measured_with: str) -> tuple[str, ...]:
 
 
 def _changed(before: Naming, after: Naming) -> Iterator[str]:
-    """Yield the lines to remove and to add, section by section. For kinematics of another origin,
-    the line asks for the original text.
+    """Yield the lines to remove and to add, section by section. If the INI file named kinematics of
+    another program, a line asks the user to restore the old entry.
     """
     old, new = before.lines(), after.lines()
     new += [_AS_BEFORE] if before.kinematics and not after.kinematics else []

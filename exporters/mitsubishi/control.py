@@ -39,8 +39,8 @@ from stepdiag.exporters.tables.tables import Law, Table, require_rising
 
 KIND = "relative"
 _MARK, _END = b"lowest point at", b"; end"
-"""Comment before each pair of axes, and last line, in the lists of this program: the parameters
-themselves have no end mark.
+"""Comment before each pair of axes, and the last line, in lists of this program, because parameters
+have no end mark.
 """
 _NAME = "mitsubishi_parameters.txt"
 _FIRST_DATA, _LAST_DATA = 4101, 5124
@@ -219,8 +219,8 @@ def _data_numbers(table: Table) -> range:
 
 
 def _refuse_overlap(new: Sequence[Table], own: Sequence[Table], profile: Profile) -> None:
-    """Raise SafetyError if the data numbers of a new pair overlap those of another own pair: after
-    the own data are typed back, both pairs would use them.
+    """Raise SafetyError if a new pair of axes uses data numbers of another, old pair: after the old
+    data are typed back, both pairs would use them.
     """
     pairs = {table.place["pair"] for table in own}
     for table in new:

@@ -62,7 +62,9 @@ class Dialect(ABC):
     title: str
     newline = "\r\n"
     decimals = 3
-    """Decimal places of a programmed position in mm: the control's usual input increment."""
+    """Number of decimal places of a programmed position in mm, by the control's usual input
+    increment.
+    """
     opening: tuple[str, ...] = ()
     closing: tuple[str, ...]
     """First and last lines of the file; ``{stem}`` is the file name without its ending."""

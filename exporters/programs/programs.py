@@ -27,8 +27,8 @@ CONTROLS = tuple(_DIALECTS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Program:
-    """An NC program: its file name, the setup it drives and the exact bytes of the file (ASCII, the
-    control's line ends).
+    """An NC program: its file name, the setup that it drives, and the bytes of the file (ASCII with
+    the control's line ends).
     """
 
     name: str

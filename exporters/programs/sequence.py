@@ -48,7 +48,7 @@ class Sequence:
     targets: int = 0
     beam_offset_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     commission: bool = False
-    """Whether the first pass of a run of the 4-DOF head also commissions it (`jogs_at`)."""
+    """Whether the first pass of a run of the 4-DOF head also commissions the head (`jogs_at`)."""
 
     @property
     def plan(self) -> Plan:
@@ -221,7 +221,7 @@ def _pass(sequence: Sequence, number: int, stops: Vector, count: int) -> Pass:
 
 def _jogs(stops: Vector, axis: str) -> dict[int, tuple[Jog, ...]]:
     """Return the jogs by the number of the stop to which the machine then moves: jogs at the near
-    end follow the stop there, jogs at the far end precede the stop there.
+    end follow the first stop, jogs at the far end precede the last stop.
     """
     near, far = jogs_at(_triple(stops[0]), axis), jogs_at(_triple(stops[-1]), axis, last=True)
     return {1: (*near, *far)} if len(stops) == 2 else {1: near, len(stops) - 1: far}

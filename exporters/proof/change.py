@@ -16,8 +16,8 @@ from stepdiag.exporters.safety.verdicts.regression import Measured, measured
 from stepdiag.exporters.tables.tables import Table, correction_um
 
 SAME_MM = 1.0
-"""Distance in mm that separates two stops of a pass (farther apart) from commanded and actual
-position of one stop (nearer).
+"""Distance in mm above which two positions belong to different stops of a pass: commanded and
+actual position of a stop are nearer.
 """
 SCALE_UM_M = 5.0
 """Standard uncertainty in um/m of the change of a length between survey and proof run: half a

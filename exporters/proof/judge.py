@@ -267,7 +267,7 @@ def prove(
         sized = min(case.sized(best), key=case.misfit, default=found)
         if case.misfit(found) - case.misfit(sized) > 2.0 * np.log(
             SURE
-        ):  # a factor of its own always explains more than a state does
+        ):  # a free factor always explains more than a state does
             found = sized
         if case.misfit(best) - case.misfit(found) < 2.0 * np.log(NAMED):
             break

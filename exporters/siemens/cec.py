@@ -1,5 +1,5 @@
-"""SINUMERIK CEC: sag, angularity and cross-error compensation, one numbered table per input and
-output axis.
+"""SINUMERIK CEC: sag, angularity and cross-error compensation, with one numbered table for each
+pair of input and output axis.
 
 Function manual K3 pp. 243-264: a table has absolute values over the SETPOINT of the base axis,
 linear between points, with the end values outside, optionally for one direction of travel of the

@@ -373,14 +373,14 @@ class Siemens:
         return read_back.switches(tables, profile)
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return the values of these machine and setting data in files that were read out of the
-        control.
+        """Return the values of MD32700, MD32710, SD41300 and SD41310 in files that were read out of
+        the control.
         """
         return read_back.held_switches(files)
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file assigns EEC or CEC variables; the program that only reads these
-        does not.
+        """Return whether the file assigns EEC or CEC variables, unlike the program that only reads
+        these variables.
         """
         return file.name != read_back.NAME and (
             b"$AA_ENC_COMP" in file.data or b"$AN_CEC" in file.data

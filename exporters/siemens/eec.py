@@ -1,4 +1,4 @@
-"""SINUMERIK EEC: leadscrew and measuring-system error compensation, one table per axis and
+"""SINUMERIK EEC: leadscrew and measuring-system error compensation, one table for each axis and
 measuring system.
 
 Function manual K3 (6FC5397-1BP40-3BA1) pp. 237-242: a table has absolute values, linear between

@@ -160,7 +160,7 @@ def _weighed_mm(assignments: Sequence[str]) -> float:
 
 
 def _points(assignments: Sequence[str]) -> int:
-    """Return the number of assignments that are values of points."""
+    """Return the number of assignments that state values of points."""
     return sum(line.startswith(_POINTS) for line in assignments)
 
 

@@ -78,7 +78,7 @@ def require_chain(result: Result, profile: Profile) -> None:
 def columns_of(
     curves: Sequence[Curve], products: Sequence[Product], levers: Vector, profile: Profile
 ) -> Columns:
-    """Return curves and angles for a control with these ``levers`` (`levers_of`).
+    """Return curves and angles for a control that uses the ``levers`` of `levers_of`.
 
     Without curves (a sign test) only the angles are returned. Raises ``UsageError`` if a function
     that the angles need is missing, or if the control does not use the lever of a product.

@@ -25,8 +25,9 @@ PLAUSIBLE_SLOPE_UM_MM = 0.8
 squareness.
 """
 PLAUSIBLE_STEP_UM = 6.0
-"""Additional plausible change between two measured values, however close they are: peak to peak of
-a screw's waves of 3 um, or four times the scatter of a difference of two values on a poor machine.
+"""Plausible change between two measured values in addition to the plausible slope, even at a small
+distance: peak to peak of a screw's waves of 3 um, or four times the scatter of a difference of two
+values on a poor machine.
 """
 
 

@@ -82,7 +82,7 @@ class Curve:
 
     @property
     def mean_um(self) -> Vector:
-        """Return the mean of both directions in um, shape of ``position_mm``."""
+        """Return the error in um as the mean of both directions, shape of ``position_mm``."""
         return (
             self.forward_um
             if self.reverse_um is None

@@ -39,7 +39,7 @@ _FINE = 401
 """Number of points over which a mean along an axis is taken."""
 _BENT = 4
 """Number of straight sections between two nodes for an angle times the travel of its own axis,
-which is not a straight line.
+because this product is not straight.
 """
 _NOTHING_UM = 1e-3
 """Largest movement in um (a nanometre) of a product that is ignored."""
@@ -246,7 +246,7 @@ class _Added:
     u_um: Vector
 
     def sloped(self, um_per_mm: float) -> "_Added":
-        """Return these values plus a straight line of the given slope."""
+        """Return the values plus a straight line with the slope ``um_per_mm``."""
         return replace(
             self,
             value_um=self.value_um + um_per_mm * (self.position_mm - self.position_mm[0]),
@@ -304,8 +304,8 @@ def _added(
 
 
 def _folded(added: Mapping[str, _Added], fold: Mapping[str, str]) -> dict[str, _Added]:
-    """Return the added values with both slopes of a pair of axes in the curve that ``fold`` names:
-    the difference is a rotation of the workpiece.
+    """Return the added values, with the slopes of both curves of a pair moved into the curve that
+    ``fold`` names: this only rotates the workpiece.
     """
     result = dict(added)
     for squareness, target in fold.items():

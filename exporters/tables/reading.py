@@ -1,5 +1,5 @@
-"""Reading of tables from files. A table in two active files would count twice, so repeated tables
-are refused.
+"""The reading of tables from files: a table in two active files would act twice, so it is
+refused.
 """
 
 from collections.abc import Sequence

@@ -33,7 +33,7 @@ _SPOTS: Mapping[str, Message] = {
     "column": message("spot-column"),
     "set": message("spot-set"),
 }
-"""Words for the parts of a table's place in its control or file."""
+"""Names, in messages, of the parts of a table's place in the control or in a file."""
 
 
 _LAW_WORDS = {
@@ -79,7 +79,7 @@ class Law:
 
     @property
     def words(self) -> Message:
-        """Return the law in one sentence."""
+        """Return a sentence that describes the law."""
         parts = [
             _LAW_WORDS[part] for part in (self.sense, self.data, self.between, self.ends)
         ]
@@ -195,8 +195,9 @@ class Table:
 
     @property
     def absolute_um(self) -> Vector:
-        """Return the values as absolute numbers in the table's own sense, shape of
-        ``position_mm``."""
+        """Return the values of the table as absolute numbers in the sense of the table, shape of
+        ``position_mm``.
+        """
         if self.law.data == "absolute":
             return self.value_um
         summed = np.cumsum(self.value_um)

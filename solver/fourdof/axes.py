@@ -54,8 +54,8 @@ class Mount:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisErrors:
-    """Errors of one axis: two straightness functions in um and two rotations in urad, by ISO 230-1
-    name.
+    """Errors of one axis under their ISO 230-1 names: two straightness functions in um and two
+    rotations in urad.
 
     Positions ascend; every value is the mean of the samples at a position. Rotations are zero at
     the first position; straightness has its reference line removed. The roll is not measured.

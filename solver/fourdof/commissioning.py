@@ -59,8 +59,8 @@ def fit_curve(
             found=message("such-rows", value=int(np.isfinite(variable).sum())),
         )
     design = np.vander(variable, degree + 1, increasing=True)
-    # powers up to the fifth of a number below one: scale the columns or the normal equations lose
-    # half their digits
+    # the columns are powers of a number below one: without scaling, the normal equations lose half
+    # of their digits
     column = np.linalg.norm(design, axis=0)
     gain = np.linalg.pinv(design / column)
     coefficients = gain @ shifts / column

@@ -1,4 +1,4 @@
-"""From the raw sums and differences of a position-sensitive detector to the shift of the spot.
+"""The shift of the spot from the raw sums and differences of a position-sensitive detector.
 
 A quadrant detector under a Gaussian spot follows an error function, a lateral-effect detector is
 nearly linear; both are a polynomial in one variable: the normalised reading, or its inverse error

@@ -1,4 +1,4 @@
-"""Drift of the source's pointing during a run, freed of the drift detector's own noise.
+"""Drift of the source's pointing during a run, without the noise of the drift detector.
 
 The drift detector PSD1 adds noise, which the lever carries into the straightness: 1.7 urad at 8 m
 are 14 um. A source drifts slowly, and a detector's noise has no memory: a random walk observed with
@@ -29,10 +29,10 @@ MOST_BENDS = 40
 series: bends reveal a drift that is left too rough, not the rest of a slow drift.
 """
 BENDS_COUNT = 0.1
-"""Share of the bends that counts as evidence: neighbouring stops share most of the bend of a
-remaining drift. With a share of one half the most likely drift is too smooth: in a pass of 8 m with
-1.7 urad of noise 83 % of the values are within 2 u (10.9 um rms). With a tenth 94 % are (8.6 um),
-with none 97 % (9.3 um).
+"""Share of the bends that counts as evidence: bends of a remaining drift are nearly equal at
+neighbouring stops. With a share of one half the most likely drift is too smooth: in a pass of 8 m
+with 1.7 urad of noise 83 % of the values are within 2 u (10.9 um rms). With a tenth 94 % are (8.6
+um), with none 97 % (9.3 um).
 """
 BENDS_SHARE = 1.94
 """Factor of the variance of the slope between two series of second differences of white noise:
@@ -96,7 +96,8 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
     u_slope = min(
         float(np.sqrt(BENDS_SHARE * np.mean((of_spot - slope * of_rest) ** 2) / power)), 1.0
     )
-    # every share from 0 to 1 is equally likely before; if the spot gives no evidence, it is zero
+    # before the regression every share from 0 to 1 is equally likely; without evidence from the
+    # spot the share is zero
     real = float(np.clip(slope, 0.0, 1.0)) * (1.0 - u_slope)
     open_share = real * (1.0 - real) * float(np.mean(rest_urad**2))
     return real * rest_urad, np.sqrt(open_share + u_slope**2 * rest_urad**2 / 12.0)

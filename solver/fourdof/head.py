@@ -67,7 +67,7 @@ class Light:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Head:
-    """The head as configured and calibrated.
+    """The configuration and the calibration of a head.
 
     The lever at travel ``d`` (away from the head) is ``dead_path_mm + lever_scale * d +
     extra_path_mm / 2``: the whole path from the source's pivot to the cube, and half of the extra
@@ -198,8 +198,8 @@ def motion(
 def _freed_of_noise(
     psd1_urad: Vector, spot_um: Vector, lever_mm: Vector, time_s: Vector, u_urad: Vector
 ) -> tuple[Vector, Vector]:
-    """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); samples
-    without light stay unchanged.
+    """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); values of
+    samples without light stay unchanged.
     """
     # a stop that was driven again has its place in the sequence of the run, but not in time
     in_time = np.argsort(time_s, kind="stable")

@@ -9,13 +9,13 @@ while the laser's pointing wobbles. In one lateral frame (theory.md 9), with the
     PSD1               = -a + leak1 q
     PSD2               = a (1 + 2 leak2 L) + a constant of the end
 
-and each detector reads these through two gains with their signs and its roll. The pointing is an
-unknown of every row. The pointing is linear in the model and is eliminated row by row (variable
-projection: Golub, Pereyra 1973; Kaufman's approximation), so noise of a detector makes no estimated
-slope smaller. The noise of each detector is the noise of its samples, times a common factor; this
-factor and the deviations of the real jogs from the commanded jogs are estimated from the residuals.
-(The noise of three detectors cannot be estimated together with the pointing of every row: the
-smallest noise would become zero.)
+and each detector reads this value through two gains, with their signs, and through the roll of the
+detector. The pointing is an unknown of every row. The pointing is linear in the model and is
+eliminated row by row (variable projection: Golub, Pereyra 1973; Kaufman's approximation), so noise
+of a detector makes no estimated slope smaller. The noise of each detector is the noise of its
+samples, times a common factor; this factor and the deviations of the real jogs from the commanded
+jogs are estimated from the residuals. (The noise of three detectors cannot be estimated together
+with the pointing of every row: the smallest noise would become zero.)
 """
 
 from dataclasses import dataclass

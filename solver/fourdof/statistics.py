@@ -152,8 +152,9 @@ def abbe_arm(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Residuals of one quantity against a reference instrument at the measured positions, in the
-    quantity's unit."""
+    """Differences of one quantity from a reference instrument at the measured positions, in the
+    unit of the quantity.
+    """
 
     position_mm: Vector
     residual: Vector

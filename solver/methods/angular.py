@@ -22,9 +22,10 @@ and their surveys show at most 7 times. A value that is certainly larger is not 
 machine: in a small survey a wrong reading looks like large angles.
 """
 FEW_FREEDOM = 20
-"""Number of degrees of freedom below which a survey is small: with three increments, driven once,
-it has 13, with two increments 7. In such a survey a slip of 20 um in a run of three stops looks
-like angles of 130 urad; compensation with these angles made a machine worse (from 5.7 to 9.8 um).
+"""Number of degrees of freedom below which a survey is small: a survey driven once has 13 degrees
+of freedom with three increments, 7 with two. In such a survey a slip of 20 um in a run of three
+stops looks like angles of 130 urad; compensation with these angles made a machine worse (from 5.7
+to 9.8 um).
 """
 
 

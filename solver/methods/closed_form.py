@@ -137,8 +137,8 @@ def _scale(positioning: Function) -> Scale:
 def _reading_u(
     layout: Layout, data: DiagonalData, closure: Vector
 ) -> tuple[float, list[Finding]]:
-    """Return the standard uncertainty of an averaged reading, with findings: the stated one, else
-    that from the increments of the closure residual.
+    """Return the stated standard uncertainty of an averaged reading, or without a stated one the
+    uncertainty from the increments of the closure residual, with findings.
     """
     used = np.isin([key.setup for key in layout.passes], _used(layout))[layout.pass_index]
     stated = layout.u_um[used]

@@ -164,8 +164,8 @@ def rms_um(field_um: Vector) -> float:
 
 
 def _alone(found: Adjustment, one: Candidate) -> MixedFit:
-    """Return the fit for the case that one explanation is true: it may have any size, the other
-    explanations have size zero; growth has its usual or its estimated size.
+    """Return the fit for the case that one explanation is true: this explanation may have any size,
+    all others have size zero; growth has its usual or its estimated size.
     """
     factors = []
     for effect, size in zip(found.effects, found.sizes.factor.tolist(), strict=True):

@@ -15,8 +15,8 @@ from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 NEAR = 0.05
-"""Share of a cell within which a position counts as the node: two values at positions so close (as
-of a program with one decimal) would have a slope of noise alone.
+"""Share of a cell within which a position counts as the node: the slope between two values at such
+close positions (as in a program with one decimal) would be noise alone.
 """
 
 

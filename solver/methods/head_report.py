@@ -38,8 +38,8 @@ larger than assumed. With 0.8, 6 of 180 surveys without a fault were called cont
 """
 BENT = 2.0 / 8.0
 """Departure of a function from the straight line, in the middle between two nodes, as a share of
-the function's second differences at the nodes: an eighth for a smooth function, two eighths for
-waves two increments long.
+the function's second differences at the nodes: an eighth for a smooth function, a quarter for waves
+two increments long.
 """
 
 
@@ -221,7 +221,7 @@ def _checked(
 
 
 def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
-    """Return the fit with usual sizes, except for the given sizes of some effects."""
+    """Return the fit with the usual sizes of all effects except those in ``sizes``."""
     factor = [
         sizes.get(effect.name, size) / size
         for effect, size in zip(found.effects, found.sizes.factor, strict=True)
@@ -233,8 +233,8 @@ def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
 
 def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
     """Return chi-square, divided by its chance limit, of the difference between a function's rows
-    (``alone``) and all ``others``, or of these rows among themselves if that is larger. None if too
-    few rows are checked.
+    (``alone``) and all ``others``, or of these rows among themselves if that is larger. The value
+    is None if too few rows are checked.
 
     One chi-square over all passes would hide the difference between passes of the head that agree
     with each other and all other passes.

@@ -27,7 +27,8 @@ AS_MEASURED: Lengths = "as_measured"
 AT_20_C: Lengths = "at_20_c"
 UNMEASURED_C = 3.5
 """Standard uncertainty in C of an assumed material temperature (20 C, or the value in a survey
-file): that of a sensor without a reading for an hour. A value stated by the user replaces it.
+file): that of a sensor without a reading for an hour. A value stated by the user replaces this
+assumption.
 """
 REACH_MM = 100.0
 """Distance from the mirror to the tool tip for which the effect of the angles is reported."""
@@ -137,8 +138,8 @@ def lengths_report(
 
 
 def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) -> LengthScale:
-    """Return a scale (um/m) at the other temperature, and the u of this scale: a warm glass or
-    steel scale is longer, so the machine moves too far.
+    """Return a scale (um/m) at the other temperature, and the u of this scale: a warm measuring
+    scale is longer, so the machine moves too far.
     """
     if scale.value is None or scale.u is None or not known:
         return LengthScale(value=None, u=None)

@@ -182,8 +182,8 @@ def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
 
 
 def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
-    """Return those passes that share one zero of the laser's count: of all zeros, that with the
-    most runs in both directions.
+    """Return the passes that share one zero of the laser's count: the zero with the most runs in
+    both directions.
     """
     zeros = [int(layout.zero_index[mine[0]]) for mine in passes]
     ways = [(zero, _upward(layout, mine)) for zero, mine in zip(zeros, passes, strict=True)]

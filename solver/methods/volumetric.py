@@ -333,7 +333,8 @@ def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[s
     turning = wider.causes_of(*TURNING)
     usual = float(np.mean(found.shapes.range_urad)) * wider.sizes.factor[wider.group]
     factor = np.where(turning, 2.0 * HEAD_URAD / np.maximum(usual, 2.0 * HEAD_URAD), 1.0)
-    # the size of the other causes stays as estimated: smaller angles would enlarge all other causes
+    # the sizes of all other causes stay as estimated: with smaller angles the readings would
+    # enlarge these sizes
     sure = replace(wider.sizes, sought=np.zeros_like(wider.sizes.sought))
     quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)
     machine = machine_of(

@@ -140,8 +140,8 @@ def between_beside_head(
 
 
 def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
-    """Return for each reading and axis whether it lies between the nodes of an axis travelled by
-    its setup, shape (m, 3).
+    """Return for each reading and axis whether the stop lies between the nodes of an axis that the
+    setup travels, shape (m, 3).
 
     An axis that stands adds its error to the offset of the count.
     """

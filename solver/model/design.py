@@ -14,8 +14,9 @@ and the further unknowns of the reading's setup.
 return share the zero of the laser's count; else the offset of each pass absorbs this reversal.
 
 Units: um, urad, mm; tilts in mrad. Unknowns of the machine are node values, zero at the first node
-of each axis, linear between nodes. Rigid rotations are free here: `solver.linear.least_squares`
-finds the directions that the readings do not determine, without assumptions.
+of each axis, linear between nodes. Rigid rotations are free in this model:
+`solver.linear.least_squares` finds the directions that the readings do not determine, without
+assumptions.
 """
 
 from collections.abc import Sequence
@@ -57,8 +58,8 @@ class Model:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """The columns of the unknowns. Functions are numbered by part (0 displacement, 1 rotation, 2
-    reversal), axis and component.
+    """Numbers of the columns that the unknowns have in the design. Functions are numbered by part
+    (0 displacement, 1 rotation, 2 reversal), axis and component.
 
     The nine reversals at the low end, by axis and component, have the columns from ``play`` on;
     ``play == offset`` means none. The offset and slope of every line in `solver.model.lateral`
@@ -194,13 +195,15 @@ def between_nodes(volume: Volume, position_mm: Vector) -> tuple[NDArray[np.int64
 
 
 def displacement_coefficients(layout: Layout) -> Vector:
-    """Return d for every axis, shape (m, axis, component): um of reading per um of displacement."""
+    """Return d for every axis, shape (m, axis, component): the change of the reading in um by 1 um
+    of displacement.
+    """
     return np.repeat(layout.direction[:, None, :], 3, axis=1)
 
 
 def rotation_coefficients(layout: Layout, chain: str) -> Vector:
-    """Return (spot - O_a) x d in m, shape (m, axis, component): um of reading per urad of rotation
-    (theory 4.3).
+    """Return (spot - O_a) x d in m, shape (m, axis, component): the change of the reading in um by
+    1 urad of rotation (theory 4.3).
 
     Abbe arms count from the low corner of the volume, because the displacement functions are those
     on the lines through this corner.

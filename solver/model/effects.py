@@ -40,7 +40,7 @@ GROWTH, SETUP_SCALE, FIRST_STOPS = "growth", "setup scale", "first stops"
 ONE_SCALE, ONE_WALK, BESIDE = "scale of one setup", "walk of one pass", "beside the model"
 BACKLASH = 0.6
 """Assumed backlash at first stops, as a multiple of the repeatability, before its size is
-estimated: overrun leaves no backlash there, a pass without overrun all of the axis' backlash.
+estimated: with overrun these stops have no backlash, without overrun all of the axis' backlash.
 """
 WANDER_WAVES = 3
 BEARING = 0.5
@@ -198,8 +198,8 @@ def _elapsed(layout: Layout) -> Vector:
 
 
 def _by(index: NDArray[np.int64], values: Vector) -> Vector:
-    """Return the values spread over columns, one column for each number in the index, zero
-    elsewhere, shape (m, numbers).
+    """Return the values in columns, shape (m, numbers): each row has its value in the column of its
+    number in ``index``, and zeros elsewhere.
     """
     apart: Vector = values[:, None] * (index[:, None] == np.unique(index))
     return apart

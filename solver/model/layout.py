@@ -104,7 +104,9 @@ class Layout:
         )
 
     def since_zero_mm(self) -> Vector:
-        """Return the distance that the laser has counted since its zero, shape (m,)."""
+        """Return the distance in mm that the laser has counted since the zero of the count at each
+        reading, shape (m,).
+        """
         first = np.unique(self.zero_index, return_index=True)[1]
         counted: Vector = (
             self.reading_mm
@@ -307,7 +309,7 @@ def _check_box(
 
 
 def _increments(readings: Readings, names: Sequence[str], kind: Kind, source: str) -> int:
-    """Return the increments of the finest pass."""
+    """Return the number of increments of the finest pass."""
     longest = max(
         int(readings.stop[rows[-1]])
         for key, rows in readings.passes().items()

@@ -74,8 +74,8 @@ def has_stated_u(angles: Angles) -> bool:
 
 def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> Prior:
     """Return the rows for the differences of angular functions from the given functions, for the
-    change of reversal along an axis, and for the misses of moves (1 um each:
-    `solver.adjustment.scatter` estimates their size).
+    change of reversal along an axis, and for the misses of moves (with 1 um;
+    `solver.adjustment.scatter` estimates the size of the misses).
 
     The adjusted function may differ from a given function by the stated uncertainty, and not at all
     if none is stated. Functions that are not given are effects (`solver.model.effects`) and no

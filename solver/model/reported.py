@@ -23,7 +23,7 @@ REVERSAL_PART = 2
 
 
 def sloped(name: str) -> str:
-    """Return the name of a positioning function with its slope."""
+    """Return the name under which a positioning function is reported with its slope."""
     return f"sloped {name}"
 
 
@@ -33,13 +33,13 @@ def shape(name: str) -> str:
 
 
 def reversal(name: str) -> str:
-    """Return the name of the direction-dependent part of a function."""
+    """Return the name under which the direction-dependent part of a function is reported."""
     return f"reversal {name}"
 
 
 def backlash(name: str) -> str:
-    """Return the name of the direction-dependent part of a function with its value at the low
-    end.
+    """Return the name under which the direction-dependent part of a function is reported with its
+    value at the low end.
     """
     return f"backlash {name}"
 

@@ -28,8 +28,8 @@ def parse_straightness(
     """Return the contents of a straightness file, one entry for each function and direction of
     approach.
 
-    Raises ``DataError``, with line or column, for any other content: an unknown column, a value
-    without its uncertainty, a repeated position.
+    Raises ``DataError``, with line or column, for wrong content: an unknown column, a value without
+    its uncertainty, a repeated position.
     """
     table = read_table(text, source, ("position_mm",))
     names = _functions(list(table[0][1]), source)
@@ -87,7 +87,9 @@ def _functions(columns: list[str], source: str) -> list[str]:
 def _straightness_row(
     fields: dict[str, str], name: str, where: str
 ) -> tuple[int, float, float, float] | None:
-    """Return approach, position, value and uncertainty; None for a row without this function."""
+    """Return approach, position, value and uncertainty of a function in one row of the file; None
+    for a row without a value of this function.
+    """
     position = number_in(fields, "position_mm", where)
     approach = number_in(fields, "approach", where, optional=True)
     value = number_in(fields, f"{name}_um", where, optional=True)

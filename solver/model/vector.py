@@ -39,7 +39,7 @@ for every machine (E14).
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DiagonalData:
-    """The four diagonals sorted as in Wang's section III.I.
+    """The deviations along the four diagonals, sorted as in section III.I of Wang 2000.
 
     ``by_position_um`` (diagonal, axis, n+1) is the deviation of the moves of an axis, cumulated by
     position. ``end_um`` (diagonal,) is the deviation from start to end in the direction of travel.
@@ -66,7 +66,7 @@ class VectorSolution:
 
 
 def diagonal_data(layout: Layout) -> DiagonalData:
-    """Return the sorted data of the four diagonals, all passes averaged.
+    """Return the sorted data of the four diagonals as means over the passes.
 
     Raises ``DataError`` if a diagonal is missing or the diagonals have different increments.
     """

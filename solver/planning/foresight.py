@@ -55,8 +55,8 @@ _OF_FEW = {
     5: (0.23, 0.16),
     6: (0.09, 0.15),
 }
-"""Residues of `_between_targets` by the number of increments, for few increments: the power laws
-would give up to twice the residue of random functions.
+"""Departures of `_between_targets` for few increments, by the number of increments: the power laws
+would give up to twice the departures of random functions.
 """
 ALIKE = 0.2
 """Standard deviation, among machines of one class, of the logarithm of the error that nine
@@ -246,8 +246,8 @@ def bent_um(assumed: Assumptions, increments: int) -> float:
 
 def _between_targets(increments: int) -> tuple[float, float]:
     """Return two departures of a function between its targets, both divided by the function's
-    shape: that of the function from the smooth curve through the targets, and that of the curve
-    from the straight lines between targets.
+    shape: the departure of the function from the smooth curve through the targets, and of this
+    curve from the straight lines between targets.
     """
     return _OF_FEW.get(increments, (CURVED / increments**3, BENT / increments**2))
 

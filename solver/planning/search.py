@@ -68,7 +68,7 @@ uncertainty of 30 um.
 
 @dataclass(frozen=True, kw_only=True)
 class Ways:
-    """The way of driving all lines of a survey."""
+    """A way of driving all lines of a survey: repeats, passes, orders of axes and dwell."""
 
     repeats: int
     return_pass: bool
@@ -82,7 +82,7 @@ class Ways:
         return self.repeats * (1 + self.return_pass)
 
     def of(self, run: Run) -> Run:
-        """Return a run with these repeats, passes and orders of axes."""
+        """Return a run with the repeats, passes and orders of axes of this way of driving."""
         orders = self.axis_orders if setup_of(run.setup).kind in ("step", "face") else ()
         return replace(
             run,
@@ -166,8 +166,8 @@ def _triple(values: Vector) -> tuple[float, float, float]:
 
 
 def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -> Plan:
-    """Return the plan of a survey along the given lines, grouped by travel; the setups of shifted
-    lines get a number.
+    """Return the plan of a survey along the given lines, grouped by travel; the name of a setup on
+    a shifted line gets a number.
     """
     runs: list[Run] = []
     number: dict[str, int] = {}
@@ -214,7 +214,7 @@ class _Through:
     across: Vector
 
     def without(self, line: int, factors: Vector) -> "_Through":
-        """Return these products for the choice without one of its lines; ``across`` is not
+        """Return the products for the choice without one of its lines; ``across`` is not
         updated.
         """
         count, rank, size = self.across.shape

@@ -128,7 +128,7 @@ def machine_of(
 
 
 def mode_nodes(volume: Volume) -> NDArray[np.int64]:
-    """Return the nodes at which modes are written, from 0 to n."""
+    """Return the numbers (0 to n) of the nodes at which the modes have values."""
     return np.unique(
         np.round(
             np.linspace(0, volume.increments, min(volume.increments, MOST_POSITIONS) + 1)

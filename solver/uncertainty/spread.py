@@ -72,8 +72,8 @@ class Spread:
         return found
 
     def variance_by_readings(self, moved: Vector) -> Vector:
-        """Return the part of this variance that comes from the noise of the readings, shape
-        (k,).
+        """Return the variance that the noise of the readings adds to each combination through the
+        amounts of the causes, shape (k,).
         """
         found: Vector = np.sum((moved @ self.amount_of_noise) ** 2, axis=1)
         return found
