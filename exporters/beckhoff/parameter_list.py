@@ -139,7 +139,7 @@ def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
 
 
 def _without_remarks(line: str) -> str:
-    """Return a line without the text from ``/*`` to the next ``*/``; a remark without an end
+    """Return a line without its remarks, from ``/*`` to the next ``*/``; a remark without an end
     stays.
     """
     kept, at = [], 0

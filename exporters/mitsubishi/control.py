@@ -314,7 +314,7 @@ class _Value(NamedTuple):
 
 
 def _values(file: ControlFile) -> dict[int, _Value]:
-    """Return the values by parameter number."""
+    """Return the parameters in a list by number."""
     require_end(file, _MARK, _END)
     values: dict[int, _Value] = {}
     for where, line in read_lines(file):

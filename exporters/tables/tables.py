@@ -209,8 +209,8 @@ def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vect
     """Return the movement of the output axis by the table and its law, in um in the + direction, at
     positions of the input axis.
 
-    ``direction`` is the travel of the input axis, +1 or -1; a table of the opposite direction gives
-    0. A product gives the movement for a multiplier of 1.
+    ``direction`` is the travel of the input axis, +1 or -1; a table of the opposite direction has
+    the movement 0. A product gives the movement for a multiplier of 1.
     """
     at = np.asarray(position_mm, dtype=np.float64)
     if table.direction not in (0, direction):

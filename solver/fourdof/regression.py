@@ -103,7 +103,7 @@ class Commissioned:
 
     @property
     def u(self) -> Vector:
-        """Return the standard uncertainty of each field."""
+        """Return the standard uncertainty of each calibration field (`FIELDS`)."""
         u: Vector = np.sqrt(np.diag(self.covariance))
         return u
 

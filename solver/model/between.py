@@ -201,7 +201,7 @@ def _axis(
 
 
 def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> AxisBetween:
-    """Return the axis with a share of its basis' half waves, at least one half wave a cell."""
+    """Return the axis with fewer half waves in its basis: the given share, at least one a cell."""
     volume = layout.volume
     steps = (
         (axis.position_mm - volume.origin_mm[number])

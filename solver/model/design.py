@@ -61,7 +61,7 @@ class Columns:
     """Numbers of the columns that the unknowns have in the design. Functions are numbered by part
     (0 displacement, 1 rotation, 2 reversal), axis and component.
 
-    The nine reversals at the low end, by axis and component, have the columns from ``play`` on;
+    The nine reversals at the low end of the axes, by axis and component, begin at column ``play``;
     ``play == offset`` means none. The offset and slope of every line in `solver.model.lateral`
     begin at column ``line``, the misses of the moves at column ``miss``.
     """
