@@ -456,7 +456,9 @@ def _seat(table: Table) -> tuple[str, str]:
 
 
 def _acts(table: Table, profile: Profile) -> bool:
-    """Return whether a table belongs to the measuring system in use (true without a profile)."""
+    """Return whether a table belongs to the measuring system in use (true for an assumed
+    profile).
+    """
     used = profile.options_as(SiemensOptions).measuring_system
     return profile.assumed or table.place.get("measuring system", used) == used
 

@@ -65,7 +65,8 @@ def _without(
 
     The residual is known at the measured positions, where it contains the movement by the control
     (in steps, if the table acts in steps). So the steps are subtracted at these positions before
-    straight lines join the points; between the positions the whole old table is added.
+    straight lines join the points; then the old table, with its points joined by straight lines, is
+    subtracted on the whole grid.
     """
     measured = curve.position_mm
     smooth = curve.toward(direction) - steps_um(active, measured, direction)
