@@ -96,7 +96,7 @@ class Heidenhain:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> HeidenhainOptions:
-        """Return the options of a provisional export: the newer generation."""
+        """Return the options of a provisional export, for the newer generation of controls."""
         return HeidenhainOptions(generation="tnc640")
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - the same for every table

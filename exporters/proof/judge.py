@@ -62,8 +62,8 @@ fault (higher, because more than fifty faults are tried).
 class Proved:
     """The verdict on the tables of one function: the ``factor`` with its standard uncertainty
     ``u``, and ``seen_um``, the rms of the expected effect on the readings. ``code`` is None if the
-    run does not decide the state; ``harmless`` is then true if all possible states are equally good
-    for the machine.
+    run does not decide the state; ``harmless`` is then true if the possible states differ by no
+    more than U of the survey.
     """
 
     function: str

@@ -246,7 +246,7 @@ class _Added:
     u_um: Vector
 
     def sloped(self, um_per_mm: float) -> "_Added":
-        """Return the values plus a straight line with the slope ``um_per_mm``."""
+        """Return these values with a straight line of the slope ``um_per_mm`` added."""
         return replace(
             self,
             value_um=self.value_um + um_per_mm * (self.position_mm - self.position_mm[0]),

@@ -1,13 +1,13 @@
 """Drift of the source's pointing during a run, without the noise of the drift detector.
 
 The drift detector PSD1 adds noise, which the lever carries into the straightness: 1.7 urad at 8 m
-are 14 um. A source drifts slowly, and a detector's noise has no memory: a random walk observed with
-white noise (the local level model; Harvey, Forecasting, Structural Time Series Models and the
-Kalman Filter, 1989, sections 2.3 and 4.3). The ratio of the walk's speed to the noise follows from
-three sources: the series itself, the noise of each stop within its dwell, and the quadrant
-detector. A real drift moves the quadrant detector's spot as well, so correcting it makes the spot's
-path smoother. The returned drift is the mean over all likely speeds; its uncertainty includes the
-spread between the speeds.
+are 14 um. A source drifts slowly, and a detector's noise has no memory. The model is therefore a
+random walk observed with white noise (the local level model; Harvey, Forecasting, Structural Time
+Series Models and the Kalman Filter, 1989, sections 2.3 and 4.3). The ratio of the walk's speed to
+the noise follows from three sources: the series itself, the noise of each stop within its dwell,
+and the quadrant detector. A real drift moves the quadrant detector's spot as well, so correcting it
+makes the spot's path smoother. The returned drift is the mean over all likely speeds; its
+uncertainty includes the spread between the speeds.
 """
 
 from dataclasses import dataclass
