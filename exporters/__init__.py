@@ -1,6 +1,6 @@
-"""From a result to controller files, and back.
+"""Controller files: their generation from a result, and the reading of existing files.
 
-In: a result and a machine's profile. Out: files, their restore files, and their effect on the
-machine. Rooms, from the lowest: files, tables, programs and one room a maker, profiles, safety,
-export. Imported by `daq` and `stepdiag`.
+Input: a result and a machine's profile. Output: files for the control, restore files, and the
+effect of the files on the machine. The packages of this floor, from the lowest: files, tables,
+programs and one package a maker, profiles, safety, export. `daq` and `stepdiag` import this floor.
 """

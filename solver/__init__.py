@@ -1,6 +1,7 @@
 """The mathematics: numpy arrays in, numpy arrays out; no files, no clocks, no logging.
 
-In: readings. Out: a result with its uncertainty and its unidentified values. Rooms, from the
-lowest: standards, readings, result, linear, model, adjustment, fourdof, uncertainty, planning,
-methods. Imported by every other floor.
+Input: the readings of a survey. Output: a result with its uncertainties and the names of the values
+that the readings do not identify. The packages of this floor, from the lowest: standards, readings,
+result, linear, model, adjustment, fourdof, uncertainty, planning, methods. Every other floor
+imports this one.
 """

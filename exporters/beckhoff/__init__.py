@@ -1,5 +1,5 @@
 """Beckhoff and ISG: volumetric CSV and parameter lists.
 
-In: tables. Out: files of this control, and tables read back from such files. Imported by
-`profiles.registry`.
+Input: tables. Output: files of this control, and tables read back from such files.
+`profiles.registry` imports this package.
 """

@@ -4,10 +4,10 @@
 TF5200 axis compensation (leadscrew: pages 308687883, 308695435, 15327297547; cross: 308709003,
 P-COMP-00004 to 00007) and TF5280 volumetric compensation (296429067, 296390283, 296423819,
 296426379) of infosys.beckhoff.com. The leadscrew value is actual minus setpoint, according to a
-worked example. The volumetric file holds the ISO 230-1 errors themselves, whose sense ``negate``
-can reverse. No public page states the sense of the cross value, so the profile has to state it.
-With ``chain`` the volumetric file holds all errors: components, angles with their levers in the
-kernel's own model of the axes, and the squarenesses.
+worked example. The volumetric file contains the ISO 230-1 errors themselves; ``negate`` reverses
+the sense in which the control uses them. No public page states the sense of the cross value, so the
+profile must state it. With ``chain`` the volumetric file contains all errors: components, angles
+with their levers in the kernel's own model of the axes, and the squarenesses.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,7 +41,9 @@ _CSV_NAME = "volumetric_errors.csv"
 
 
 class BeckhoffOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[beckhoff]``: the choice of file, the logical axis numbers, the senses, the sizes."""
+    """The section ``[beckhoff]`` of a profile: the choice of file, the logical axis numbers, the
+    senses of the values, the sizes of the tables.
+    """
 
     way: Literal["volumetric", "lists"]
     axis_numbers: dict[str, int]
@@ -81,7 +83,7 @@ axis_numbers = "?"            # logical axis numbers, such as { X = 1, Y = 2, Z 
 
 @dataclass(frozen=True, slots=True)
 class Beckhoff:
-    """TwinCAT CNC as `exporters.tables.controller.Controller`."""
+    """The control TwinCAT CNC in the form of `exporters.tables.controller.Controller`."""
 
     name: str = "beckhoff"
     title: str = "Beckhoff TwinCAT CNC / ISG kernel (ISG_CSV, ssfk and crosscomp lists)"
@@ -118,8 +120,8 @@ class Beckhoff:
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the tables, and with ``chain`` also every angle: its column is a product with each
-        of its levers.
+        """Return the tables of the curves, and with ``chain`` also a product for every lever of
+        each angle.
         """
         options = profile.options_as(BeckhoffOptions)
         if options.chain is None or options.way != "volumetric":
@@ -175,7 +177,7 @@ class Beckhoff:
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
         """Return ``lr_param.ssfk`` of each axis with a leadscrew list; none for a volumetric file,
-        which the NC program activates.
+        because the NC program activates it.
         """
         numbers = profile.options_as(BeckhoffOptions).axis_numbers
         return {
@@ -185,7 +187,9 @@ class Beckhoff:
         }
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return the same switches from lists that were copied out."""
+        """Return the switches ``lr_param.ssfk`` from axis lists that were copied from the
+        control.
+        """
         lists = [file for file in without_notes(files) if b"kw." in file.data]
         return {
             name: value
@@ -224,15 +228,15 @@ class Beckhoff:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the active compensation: the volumetric file and each axis list are replaced as a
-        whole.
+        """Return the tables that are active after loading: a new volumetric file or axis list
+        replaces the old one as a whole.
         """
         held, loaded = (self.parse(files, profile) if files else () for files in (own, new))
         return overwritten(held, loaded, _seat)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the own volumetric file or axis lists, each replaced as a whole, with zeros where
-        there was none.
+        """Return the machine's own volumetric file and axis lists as restore files, with zeros for
+        a file that the machine did not have.
         """
         return own_and_zeros(self, tables, profile, _seat)
 
@@ -244,7 +248,7 @@ class Beckhoff:
         ) or csv.recognises(file)
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return one row a point."""
+        """Return the rows of the report, one for each point of the table."""
         return plain_rows(table)
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
@@ -300,8 +304,8 @@ def _volcomp_law(letter: str, options: BeckhoffOptions) -> Law:
 
 
 def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
-    """Return the law of each output axis. Raises ``UsageError`` where an angle's sign would have to
-    be reversed for one axis only.
+    """Return the law of the values for each output axis. Raises ``UsageError`` if an angle would
+    need the opposite sign for one axis only.
     """
     if options.chain is not None and set(options.negate) not in (set(), set("XYZ")):
         raise UsageError(
@@ -313,12 +317,13 @@ def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
 
 
 def _chain_held(options: BeckhoffOptions, source: str) -> str:
-    """Return the chain in the form of the control (ISG 296411019, P-VOLC-00008).
+    """Return the kinematic chain in the form that the control uses (ISG 296411019, P-VOLC-00008).
 
     An axis on the workpiece side that the axis parameters already reverse (vz_istw, vz_stellgr) is
-    an axis of the tool for the survey, and must be one for the control. The effect of its angles on
-    its own position, which an axis of the tool lacks, is then in its curves. Raises ``UsageError``
-    for a chain with such axes that leaves this choice open.
+    an axis of the tool for the survey, and must be one for the control. The angles of such an axis
+    also move its own position, which the chain of the tool does not contain; its curves contain
+    this effect. Raises ``UsageError`` for a chain with axes on the workpiece side if the profile
+    does not state ``turned``.
     """
     chain = options.chain or ""
     work, tool = parse_chain(chain)
@@ -334,8 +339,8 @@ def _chain_held(options: BeckhoffOptions, source: str) -> str:
 
 
 def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
-    """Return the squarenesses with their own column: those for which the rotation of the carried
-    axes has no effect.
+    """Return the squarenesses that get their own column: those for which the rotation of the
+    carried axes has no effect.
     """
     order = (
         ""
@@ -352,10 +357,10 @@ def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
 def _volumetric(
     curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
 ) -> Iterator[Table]:
-    """Yield the ISO 230-1 components unchanged, as mean of both directions: the file has no
-    direction.
+    """Yield the tables of the ISO 230-1 components, as the mean of both directions because the file
+    has no direction.
 
-    ``negate`` reverses the sense in the control, never the numbers: they stay the errors of the
+    ``negate`` reverses the sense in the control, never the numbers, which are the errors of the
     machine.
     """
     quantum_um = 1000.0 * 10.0**-options.decimals

@@ -1,8 +1,9 @@
 """The ISG_CSV file: columns named in a heading, rows below, ``//`` comments, ``#`` before a new
 heading (TF5280, 296429067).
 
-Values in mm and rad (296426379). A block without an axis in its heading holds position errors, in
-one row: here the squarenesses C0Y, B0Z and A0Z, which shift the tool by contract 1.
+Values in mm and rad (296426379). A block without an axis in its heading has one row of position
+errors: here the squarenesses C0Y, B0Z and A0Z, with the sign of contract 1 for the shift of the
+tool.
 """
 
 import re
@@ -27,23 +28,25 @@ _ANGLE = re.compile(r"^E[ABC][XYZ]\Z")
 _POSITION_ERROR = re.compile(r"^[XYZABC]0[XYZABC]\Z")
 _WIDTH = 12
 _MARK, _END = b"// values and positions in mm", b"// end"
-"""The first and last comment of files from this program: the format itself has no end mark."""
+"""The first and the last comment in files of this program, because the format has no end mark."""
 RAD_DECIMALS = 9
-"""Places of an angle in rad: a nanoradian."""
+"""Number of decimal places of an angle in rad: the last place is a nanoradian."""
 _FINER = 2
-"""Number of decimal places beyond the resolution of the tables, where a squareness is taken out of
-its column.
+"""Number of further decimal places of a straightness column from which a squareness is
+subtracted.
 """
 SHIFTS = {"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"}
-"""The function that contains each squareness, by its shift of the tool."""
+"""The function into which each squareness is read back: the function with the same shift of the
+tool.
+"""
 
 Rows = list[tuple[str, list[str]]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """Interpretation of a file: kinds and laws by output axis; ``levers`` of the angles, None if
-    the profile states no chain.
+    """Interpretation of a file: the kinds of its tables, the laws of the values by output axis, and
+    the ``levers`` of the angles (None if the profile states no chain).
     """
 
     kind: str
@@ -58,11 +61,11 @@ def render(
     notes: Sequence[str],
     squareness: Sequence[str] = (),
 ) -> bytes:
-    """Return the file: a block per input axis, components in mm and angles in rad beside each
-    other.
+    """Return the bytes of a file: one block for each input axis, with the components in mm and the
+    angles in rad in its columns.
 
-    ``squareness`` names the squarenesses with their own column, before the others; the remaining
-    ones stay in their straightness.
+    ``squareness`` names the squarenesses that get their own column, in a first block; all other
+    squarenesses stay in the straightness columns.
     """
     curves = {table.name: table for table in tables if table.multiplier is None}
     angles = {
@@ -113,8 +116,8 @@ def render(
 
 
 def _slope_rad(table: Table, name: str) -> float:
-    """Return the squareness in the end-point line of a table, in the table's own sense, with the
-    written number of places.
+    """Return the squareness in rad that a table contains as the slope of its end-point line, in the
+    sense of the table, rounded to the written places.
     """
     rise = (table.value_um[-1] - table.value_um[0]) / (
         table.position_mm[-1] - table.position_mm[0]
@@ -123,8 +126,8 @@ def _slope_rad(table: Table, name: str) -> float:
 
 
 def _without(table: Table, slopes_rad: Mapping[str, float]) -> Vector:
-    """Return the values of a table in um without the effect of its squareness, which counts from
-    the zero of the axis.
+    """Return the values of a table in um minus the effect of its squareness, which is zero at the
+    zero of the axis.
     """
     value = table.value_um
     for name, slope in slopes_rad.items():
@@ -155,10 +158,11 @@ def recognises(file: ControlFile) -> bool:
 
 
 def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
-    """Return a table for each component column, the squareness within, and the products of each
+    """Return a table for each component column, with the squareness added, and the products of each
     angle column.
 
-    Raises ``DataError`` with file and line, also for angles without a chain in the profile.
+    Raises ``DataError``, with file and line, for a wrong file, and for angles if the profile has no
+    chain.
     """
     require_end(file, _MARK, _END)
     squareness: dict[str, float] = {}
@@ -186,8 +190,8 @@ def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
 
 
 def _squareness(where: str, head: Sequence[str], rows: Rows) -> dict[str, float]:
-    """Return the position errors that are not zero. Raises ``DataError`` for an error that is not a
-    squareness of three linear axes.
+    """Return the position errors that are not zero, by name. Raises ``DataError`` for a position
+    error that is not a squareness of three linear axes.
     """
     if len(rows) != 1:
         raise DataError(
@@ -213,7 +217,7 @@ def _with_squareness(
     profile: Profile,
     how: Reading,
 ) -> list[Table]:
-    """Return the tables with each squareness in the function of its shift of the tool."""
+    """Return the tables with each squareness added to the function in `SHIFTS`."""
     found = {table.name: table for table in tables}
     for name, value in squareness.items():
         target = SHIFTS[name]
@@ -278,9 +282,7 @@ def _columns(
 def _angle(
     file: ControlFile, where: str, angle: Angle, profile: Profile, how: Reading, places: int
 ) -> Iterator[Table]:
-    """Yield the products of an angle column; the numbers have the sense of the control, as in every
-    column.
-    """
+    """Yield the products of an angle column, in the sense of the control like all columns."""
     if how.levers is None:
         if angle.value_urad.any():
             raise DataError(

@@ -16,7 +16,7 @@ from stepdiag.exporters.tables.tables import Law, Sense, Table
 
 _UNITS_PER_MM = 10000.0
 QUANTUM_UM = 0.1
-"""Least value of a list."""
+"""Smallest step of a value in a list, in um."""
 _LINE = re.compile(
     r"^(?P<key>[a-z_]+(?:\.[a-z_0-9]+)*(?:\.table\[(?P<index>\d+)\]\.(?P<column>[a-z]+))?)"
     r"\s+(?P<value>\S+)\Z"
@@ -33,7 +33,7 @@ def render(
     master_word: str,
     notes: Sequence[str],
 ) -> ControlFile:
-    """Return the list of an axis: its tables."""
+    """Return the list of an axis with the tables of this axis."""
     letter = tables[0].output_axis
     number = numbers[letter]
     lines = [
@@ -71,8 +71,8 @@ def read(
 
 
 def switches_in(file: ControlFile) -> dict[str, str]:
-    """Return the switch of the leadscrew error of an axis list, ``lr_param.ssfk`` (P-AXIS-00175),
-    by the axis; {} if the list has none.
+    """Return the switch ``lr_param.ssfk`` of the leadscrew error (P-AXIS-00175) in an axis list,
+    under a name that contains the axis; {} if the list has no such switch.
     """
     values = _values(file)
     axis, switch = values.get("kopf.achs_nr"), values.get(SWITCH)
@@ -80,7 +80,7 @@ def switches_in(file: ControlFile) -> dict[str, str]:
 
 
 def switch_name(number: int | str) -> str:
-    """Return the name of the switch of an axis."""
+    """Return the name of the leadscrew switch of an axis."""
     return f"{SWITCH} of axis {number}"
 
 
@@ -123,7 +123,9 @@ def _units(values: Vector, per_unit: float) -> list[int]:
 
 
 def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
-    """Return place and value of every key; a repeated key, or any other line, is refused."""
+    """Return the place in the file and the value of every key. Raises DataError for a repeated key
+    and for a line that is neither a key nor a remark.
+    """
     values: dict[str, tuple[str, str]] = {}
     for where, raw in read_lines(file):
         line = _without_remarks(raw.partition("#")[0]).strip()
@@ -137,7 +139,7 @@ def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
 
 
 def _without_remarks(line: str) -> str:
-    """Return a line without the text from ``/*`` to the next ``*/``; a remark without an end
+    """Return a line without its remarks, from ``/*`` to the next ``*/``; a remark without an end
     stays.
     """
     kept, at = [], 0
@@ -261,7 +263,9 @@ def _whole(file: ControlFile, values: Values, key: str, default: int | None = No
 
 
 def _count(file: ControlFile, values: Values, key: str) -> int:
-    """Return a number of points; a list cannot have more points than lines."""
+    """Return the number of points under a key. Raises DataError if it exceeds the number of
+    lines.
+    """
     count = _whole(file, values, key)
     if not 0 <= count <= len(values):
         raise DataError(

@@ -1,5 +1,5 @@
-"""One export: from a result and a profile to a folder of files with its report.
+"""The export of a result: with a machine's profile it gives a folder of files and a report.
 
-In: result, profile, folder. Out: files, hashes, report, or a refusal. Imported by `daq.service` and
-`stepdiag`.
+Input: result, profile, folder. Output: files, hashes and report, or a refusal. `daq.service` and
+`stepdiag` import this package.
 """

@@ -1,9 +1,9 @@
-"""The only way from a result to files for a control.
+"""The only function that makes files for a control from a result.
 
 Nothing is written before all checks are complete, and no existing file is overwritten with other
-bytes. The files come with their restore files, a readable report, a SHA-256 list and the steps to
-load them. Files with a table whose sense was not tested on this machine within twelve months carry
-``_UNTESTED_SIGN`` in their names, so that they are not loaded unawares.
+bytes. An export also contains restore files, a readable report, a SHA-256 list and the steps of
+loading. If the sense of a table was not tested on this machine within twelve months, the name of
+its file contains ``_UNTESTED_SIGN``.
 """
 
 from collections.abc import Collection
@@ -52,8 +52,9 @@ from stepdiag.exporters.tables.controller import Controller, Plan, Reporting
 from stepdiag.exporters.tables.profile import Profile
 
 MET_UM, FINEST_PART = 0.05, 10
-"""Largest miss of a measured position by the points of a provisional export; uneven targets need a
-part of the survey's increments.
+"""Largest error in um, at a measured position, from the points of a provisional export; and the
+largest number of parts into which a step may divide the survey's increment, as uneven targets
+require.
 """
 
 
@@ -67,16 +68,16 @@ def export(
     out_dir: Path,
     today: date | None = None,
 ) -> ExportReport:
-    """Write the compensation files of a result and return their list.
+    """Write the compensation files of a result and return the report of the export.
 
-    ``profile`` may be None for a provisional export, with tables at the measured positions or in
-    steps of ``step_mm`` (contract 5); with a profile ``step_mm`` replaces its steps. ``accept``
-    names the accepted warnings. ``today`` dates the sign tests, so that a replay can repeat an old
-    export.
+    ``profile`` is None for a provisional export, with tables at the measured positions or in steps
+    of ``step_mm`` (contract 5). With a profile, ``step_mm`` replaces the steps of the profile.
+    ``accept`` names the accepted warnings. ``today`` dates the sign tests, so that a replay can
+    repeat an old export.
 
     Raises ``DataError`` for a function that the result does not identify, ``SafetyError`` for a
-    failed check (nothing is written; if only the machine's own template is missing, the readable
-    report is written first), ``UsageError`` for a wrong profile.
+    failed check, ``UsageError`` for a wrong profile. After a failed check no file is written,
+    except the readable report if only the machine's own template is missing.
     """
     require_answer(result)
     if controller == lattice.NAME:
@@ -144,16 +145,14 @@ def export(
 
 
 def _may_refuse(finding: Finding, profile: Profile) -> bool:
-    """Return whether a finding of the planning refuses the export: a provisional export serves to
-    show its assumptions.
+    """Return whether a finding of the planning may refuse the export: the assumptions of a
+    provisional export refuse nothing.
     """
     return finding.severity == "error" or not profile.assumed
 
 
 def _require_something(plan: Plan, profile: Profile) -> None:
-    """Raise ``SafetyError`` where the control has no table for any requested function: there would
-    be nothing to export.
-    """
+    """Raise ``SafetyError`` if the control has no table for any of the requested functions."""
     if not plan.tables and not plan.listed:
         asked, why = profile.machine.functions, [each.words for each in plan.findings]
         raise SafetyError(
@@ -168,8 +167,8 @@ def _require_something(plan: Plan, profile: Profile) -> None:
 def _settled(
     profile: Profile | None, control: Controller, result: Result, step_mm: float | None
 ) -> Profile:
-    """Return the profile for the planning: the given one, the given one with another step, or the
-    stand-in of a provisional export.
+    """Return the profile for the planning: the given profile, the given profile with another step,
+    or an assumed profile for a provisional export.
     """
     if profile is None:
         return _of_what_travelled(
@@ -188,8 +187,8 @@ def _settled(
 
 
 def _of_what_travelled(profile: Profile, result: Result) -> Profile:
-    """Return the stand-in for a survey of axes alone with its identified functions: no volume is
-    requested.
+    """Return the assumed profile; for a survey of axes without a volume it requests only the
+    identified functions.
     """
     if result.volume.solid:
         return profile
@@ -202,8 +201,8 @@ def _of_what_travelled(profile: Profile, result: Result) -> Profile:
 def _steps(step_mm: float | None, result: Result) -> tuple[float, ...]:
     """Return the steps of a provisional export: the given step, or the steps of the survey.
 
-    Points between measured positions add no information, and points at other positions cost up to a
-    micrometre.
+    Points between measured positions add no information, and points beside measured positions add
+    errors of up to a micrometre.
     """
     if step_mm is not None:
         _require_step(step_mm)
@@ -212,8 +211,9 @@ def _steps(step_mm: float | None, result: Result) -> tuple[float, ...]:
 
 
 def _measured_step(result: Result, index: int) -> float:
-    """Return the largest part of the survey's increments whose points meet the functions of an
-    axis, or else the part with the smallest miss.
+    """Return the largest step, a whole part of the survey's increment, at whose points the
+    functions of an axis keep their measured values within `MET_UM`; else the part with the smallest
+    error.
     """
     letter, low_mm, step_mm = (
         AXIS_LETTERS[index],
@@ -247,7 +247,9 @@ def _require_step(step_mm: float) -> None:
 
 
 def _control_files(case: Case, standing: Standing) -> list[ControlFile]:
-    """Return the files for the control, read back and compared, and their restore files."""
+    """Return the files for the control, after reading them back and comparing the tables, and the
+    restore files.
+    """
     kinds = untested_kinds(case)
     notes = (
         [f"UNTESTED SIGN ({', '.join(kinds)}): make the sign test before this table is used"]

@@ -1,10 +1,10 @@
-"""From a result to the complete tables of a control: the requested tables, and the control's old
-tables that would be lost or kept with them.
+"""The complete tables of a control after an export: the requested tables, and the control's old
+tables that loading would keep or delete.
 
-The plan is made, loaded in simulation over the machine's own files, and repeated until nothing
-changes. An old table outside the request whose place is taken is written again if there is room; an
-old product that stays is included in the computation; an old table of a function that moved to
-another place is emptied.
+A plan is made and loaded in simulation over the machine's own files; this is repeated until the
+plan does not change. An old table that was not requested, but whose place a new table takes, is
+written to a free place. An old product that stays is included in the computation. An old table of a
+function that moved to another place is emptied.
 """
 
 from collections.abc import Sequence
@@ -41,8 +41,8 @@ nothing.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Planned:
-    """Everything that the checks need: the plan, and the contents of the control before and
-    after.
+    """Data for the checks of an export: the plan, and the contents of the control before and after
+    loading.
     """
 
     case: Case
@@ -51,7 +51,9 @@ class Planned:
 
 
 def planned(result: Result, control: Controller, profile: Profile, today: date) -> Planned:
-    """Return the plan of an export. Raises the ``SafetyError`` and ``DataError`` of its steps."""
+    """Return the plan of an export. Raises ``SafetyError`` and ``DataError`` of the
+    planning steps.
+    """
     require_chain(result, profile)
     if not profile.existing:
         case, plan = _once(result, control, profile, today, (), {}, frozenset())
@@ -88,7 +90,7 @@ def _once(
     kept: dict[str, Curve],
     products: frozenset[str],
 ) -> tuple[Case, Plan]:
-    """Return a plan, with the ``kept`` curves and the ``products`` that stay unchanged."""
+    """Return a plan that contains the ``kept`` curves and leaves the old ``products`` unchanged."""
     on = profile.machine.measured_with == "on"
     gone = (
         [
@@ -130,8 +132,8 @@ def _once(
 
 
 def _names(result: Result, control: Controller, profile: Profile) -> Sequence[str]:
-    """Return the functions to write, with the result's functions that this control cannot leave
-    out.
+    """Return the names of the functions to write: the requested functions, and those of the result
+    that this control needs in addition.
     """
     asked = profile.machine.functions
     if not isinstance(control, Pairing):
@@ -142,7 +144,7 @@ def _names(result: Result, control: Controller, profile: Profile) -> Sequence[st
 
 def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
     """Return the contents of the control after the files of a plan are loaded over the machine's
-    own.
+    own files.
     """
     try:
         files = [
@@ -159,8 +161,8 @@ def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
 
 
 def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:
-    """Return the error that the old tables of a function correct. Raises ``SafetyError`` where a
-    mean would lose one of its two directions.
+    """Return the error that the old tables of a function correct. Raises ``SafetyError`` if the
+    tables differ by direction and the profile asks for the mean.
     """
     old = [table for table in before if table.name == name and table.multiplier is None]
     grid = profile.grid_mm(name[2])

@@ -12,8 +12,8 @@ REPORT = "EXPORT_REPORT.txt"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportReport:
-    """The report of an export. ``files`` are the names within ``out_dir``; ``prediction`` is None
-    for a lattice without a control.
+    """Result of an export: ``files`` are the names of the written files within ``out_dir``;
+    ``prediction`` is None for a lattice without a control.
     """
 
     controller: str

@@ -1,10 +1,11 @@
-"""Fagor 8055: the leadscrew compensation table of each axis, as a list to be keyed in.
+"""Fagor 8055: the leadscrew compensation table of each axis, as a list for typing in at the
+control.
 
-Manual of the 8055i, p. 328: with LSCRWCOM (P15) on and NPOINTS (P16) points, each row holds a
-position from machine zero, the amount of error in the + direction and the amount in the -
-direction, in mm; a
-- column of zeros means that the + column is valid for both. "Amount of error": taken as error, by
-  its wording. No transfer format is public, and no cross table is described.
+Manual of the 8055i, p. 328: with LSCRWCOM (P15) on and NPOINTS (P16) points, each row contains a
+position from machine zero, the amount of error for travel in +, and the amount for travel in -, in
+mm; a second column of zeros means that the first column is valid for both directions. By its
+wording, the "amount of error" is taken as an error. No transfer format is public, and no cross
+table is described.
 """
 
 from stepdiag.base.findings import info

@@ -1,7 +1,7 @@
 """FANUC: stored pitch error compensation, inclination and four-point straightness, written into the
 machine's own punch files.
 
-Without these files nothing is written for the control: the prefix of a pitch line differs between
+Without these files no file for the control is written: the prefix of a pitch line differs between
 series and a wrong prefix addresses parameters (controllers.md 2.6). The readable table in the
 report then shows the values to type.
 """
@@ -49,7 +49,7 @@ __all__ = ["Fanuc", "FanucOptions"]
 
 @dataclass(frozen=True, slots=True)
 class Fanuc:
-    """The FANUC family as `exporters.tables.controller.Controller`."""
+    """The FANUC controls in the form of `exporters.tables.controller.Controller`."""
 
     name: str = "fanuc"
     title: str = (
@@ -71,7 +71,7 @@ class Fanuc:
         return FanucOptions(detection_unit_um=1.0, axes=axes)
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return the number of points of an axis and the largest increment."""
+        """Return the largest number of points of an axis and the largest increment."""
         options = profile.options_as(FanucOptions)
         if table.kind != pitch.KIND:
             return Limits(points=4)
@@ -173,11 +173,11 @@ class Fanuc:
         return tuple(written)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables that the punch files hold for the axes of the profile.
+        """Return the tables in the punch files for the axes of the profile.
 
-        Point numbers, interval and magnification come from the parameters where a file has them,
-        else from the profile. Raises ``UsageError`` without a profile: where the reference lies is
-        not in these files.
+        Point numbers, interval and magnification come from the parameters in the files, else from
+        the profile. Raises ``UsageError`` without a profile, because the files do not contain the
+        position of the reference.
         """
         if profile.assumed:
             expected = message("profile-punch")
@@ -196,8 +196,8 @@ class Fanuc:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the tables in the memory of the control: a punch file replaces its template
-        completely.
+        """Return the tables in the memory of the control after loading: a new punch file replaces
+        the machine's file from which it was made.
         """
         files = copied(own, new)
         if not new:
@@ -205,8 +205,8 @@ class Fanuc:
         return self.parse(files, profile) if files else ()
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return 8135#0 and 3605#0 of the axes with pitch data, if the machine's own files contain
-        them: series differ in these parameters.
+        """Return the switches 8135#0 and 3605#0 of the axes with pitch data, if the machine's own
+        files contain them, because the series of controls differ in these parameters.
         """
         needed = parameters_of(tables, profile, profile.options_as(FanucOptions))
         both = {
@@ -222,17 +222,17 @@ class Fanuc:
         return {name: value for name, value in wanted.items() if name in own}
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return the same switches from files that were punched out."""
+        """Return the switches 8135#0 and 3605#0 from files that the control punched out."""
         return switches_in([read_punch(file) for file in files])
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - the files hold all that changes
-        """Return the machine's own punch files: an export changes only numbers that they
-        contain.
+        """Return the machine's own punch files as restore files: an export changes only numbers in
+        them.
         """
         return profile.existing
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file is a punch file: % first, then N blocks."""
+        """Return whether the file is a punch file, which begins with % and an N block."""
         return (
             file.data.lstrip().startswith(b"%")
             and b"\nN" in file.data.replace(b"\r", b"")
@@ -276,7 +276,7 @@ class Fanuc:
 
 def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[Table]:
     """Return the tables of an axis: inclination if the profile asks for it, and pitch data for the
-    rest.
+    error that remains.
     """
     if is_directional(curve, profile) and not options.experimental_bidirectional:
         raise SafetyError(
@@ -295,7 +295,9 @@ def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[
 
 
 def _with_magnifications(options: FanucOptions, tables: Sequence[Table]) -> FanucOptions:
-    """Return the options with the magnification chosen for each axis."""
+    """Return the options with the magnification that was chosen for the pitch table of each
+    axis.
+    """
     axes = dict(options.axes)
     for table in tables:
         if table.kind == pitch.KIND:
@@ -309,8 +311,8 @@ def _with_magnifications(options: FanucOptions, tables: Sequence[Table]) -> Fanu
 def _refuse_lacking(
     parameters: Mapping[Key, str], masters: Sequence[PunchFile], profile: Profile
 ) -> None:
-    """Refuse an export that would lose inclination, straightness or a second direction because
-    their parameter lines are missing.
+    """Raise SafetyError if the machine's own files lack parameter lines that inclination,
+    straightness or a second direction need.
     """
     needed = [
         key
@@ -337,8 +339,8 @@ def _refuse_lacking(
 
 
 def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
-    """Refuse own pitch data without an interval: the steps of a profile belong to the new table,
-    not to the old.
+    """Raise SafetyError if the machine's own pitch data come without their interval: the profile
+    states the step of the new table, not of the old table.
     """
     if not any(any(file.pitch.values()) for file in own):
         return
@@ -361,8 +363,8 @@ def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
 def _require_pitch_points(
     tables: Sequence[Table], masters: Sequence[PunchFile], profile: Profile
 ) -> None:
-    """Refuse straight lines between pitch points of an axis that the plan leaves unchanged but
-    whose points the own file has elsewhere.
+    """Raise SafetyError for a four-point table whose axis keeps its old pitch points, if the
+    machine's own file states another interval of these points than the profile.
     """
     options = profile.options_as(FanucOptions)
     own = {table.input_axis for table in tables if table.kind == pitch.KIND}

@@ -1,10 +1,10 @@
-"""Check that the machine's own punched file belongs to the machine in the profile: Its axes and
-units must agree.
+"""Check that the machine's own punched file belongs to the machine in the profile: axes and units
+of both must agree.
 
 Read in manuals: 1020 axis names as ASCII (88 X, 89 Y, 90 Z), 3620 reference point, 3605#0
 bidirectional compensation, 8135#0 of the 0i-D (controllers.md 2.1, 2.6). Known only from memory,
-and therefore warnings that may be accepted: 1001#0 inch machine, 1006#3 axis in diameters, 1013#0
-and #1 the increment system, 5711 to 5764 straightness compensation.
+and therefore checked with warnings that the user may accept: 1001#0 inch machine, 1006#3 axis in
+diameters, 1013#0 and #1 the increment system, 5711 to 5764 straightness compensation.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,9 @@ from stepdiag.exporters.tables.profile import Profile
 
 AXIS_NAME, REFERENCE_POINT, HIGHEST_POINT = 1020, 3620, 3622
 OF_EVERY_AXIS, AXES = (AXIS_NAME, REFERENCE_POINT), range(1, MOST_AXES + 1)
-"""Parameters that a file has for each axis or for none, and the axis numbers to search."""
+"""Parameters that a file contains for each axis or without an axis, and the axis numbers to
+search.
+"""
 _INCREMENT_UM = {(True, False): 10.0, (False, False): 1.0, (False, True): 0.1}
 """Least input increment by 1013#0 (IS-A) and 1013#1 (IS-C)."""
 
@@ -132,7 +134,8 @@ def _parameter_number(
 def _bit(
     masters: Sequence[PunchFile], number: int, axis: int | None, bit: int
 ) -> bool | None:
-    """Return a bit of a parameter, None where no file holds it; bits are written from 7 down to
-    0."""
+    """Return a bit of a parameter, None if no file contains the parameter; files write the bits
+    from 7 down to 0.
+    """
     text = _text(masters, number, axis)
     return None if text is None or len(text) <= bit else text[-1 - bit] == "1"

@@ -14,8 +14,8 @@ FourNumbers = Annotated[list[int], msgspec.Meta(min_length=4, max_length=4)]
 
 
 class AxisPoints(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[fanuc.axes.X]``: the number of the axis in the control (A1, A2 ..: parameter 1020 names X)
-    and its pitch points.
+    """The section ``[fanuc.axes.X]``: the number of the axis in the control (A1, A2 ..; parameter
+    1020 contains its letter) and its pitch points.
     """
 
     number: Annotated[int, msgspec.Meta(ge=1)]
@@ -28,8 +28,8 @@ class AxisPoints(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_onl
 class StraightnessNumbers(
     msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
 ):
-    """``[fanuc.straightness.EYX]``: the machine's own parameter numbers; no consulted manual states
-    them.
+    """The section ``[fanuc.straightness.EYX]``: the machine's own parameter numbers, which no
+    consulted manual states.
     """
 
     moving: int
@@ -39,7 +39,7 @@ class StraightnessNumbers(
 
 
 class FanucOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[fanuc]``: units, limits, points."""
+    """The section ``[fanuc]``: units, limits, and the points of the axes."""
 
     detection_unit_um: Unit
     axes: dict[str, AxisPoints]

@@ -1,5 +1,5 @@
-"""The parameters of FANUC tables: for the report, for the machine's own parameter file, and read
-back from this file.
+"""The parameters of FANUC tables: their text for the report and for the machine's own parameter
+file, and their values read back from this file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,17 +22,18 @@ DISABLED = 8135
 MOST_AXES = 32
 INTERVAL = 3624
 SET_BY_HAND = (3620, 3621, 3622, 3623, INTERVAL)
-"""Parameters that the report names, to be set once by hand if no parameter file of the machine was
-given.
+"""Parameters of the points that are set once by hand, as the report asks, if the profile contains
+no parameter file of the machine.
 """
 
 
 def fitted(
     parameters: Mapping[Key, str], master: PunchFile, options: FanucOptions
 ) -> dict[Key, str]:
-    """Return the parameters in the form that the machine's own file uses: a bit set in its byte, an
-    interval without a decimal point in least input units (old controls), with one in mm (new
-    controls)."""
+    """Return the parameters in the form of the machine's own file: a bit becomes part of its byte,
+    and an interval is in least input units if the file has no decimal point (old controls), else in
+    mm (new controls).
+    """
     result: dict[Key, str] = {}
     for (number, axis), text in parameters.items():
         present = master.parameter(number, axis)
@@ -48,8 +49,9 @@ def fitted(
 
 
 def stored_in(table: Table) -> dict[int, int]:
-    """Return the pitch data of a table: point number -> increment in units of detection unit times
-    magnification."""
+    """Return the pitch data of a table: by point number the increment, in units of the detection
+    unit times the magnification.
+    """
     if table.kind != pitch.KIND:
         return {}
     counts = np.round(table.value_um[1:] / table.quantum_um).astype(int)
@@ -68,7 +70,7 @@ def parameters_of(
 
 
 def switches_in(punched: Sequence[PunchFile]) -> dict[str, str]:
-    """Return the switches in punch files: 8135#0 (NPE, 0i-D: 1 disables all pitch error
+    """Return the switches in punch files: 8135#0 (NPE of the 0i-D; 1 disables all pitch error
     compensation) and 3605#0 of each axis.
     """
     keys: list[Key] = [
@@ -85,7 +87,7 @@ def switches_in(punched: Sequence[PunchFile]) -> dict[str, str]:
 
 
 def switch_name(number: int, axis: int | None) -> str:
-    """Return bit 0 of a parameter in the notation of manuals."""
+    """Return the name of bit 0 of a parameter in the notation of the manuals."""
     return f"{number}#0" + ("" if axis is None else f" A{axis}")
 
 

@@ -1,8 +1,8 @@
 """FANUC stored pitch error compensation: increments between numbered points.
 
-B-64303CM-1/01 1.3.1 and B-63980EN/01 p. 100: point N covers the section from N - 1 to N and holds
-the value that is added when the axis passes the point in +, also left of the reference; the value
-is output at the point, not interpolated. The value is added to the command, so A = -e. The absolute
+B-64303CM-1/01 1.3.1 and B-63980EN/01 p. 100: point N covers the section from N - 1 to N. Its value
+is added when the axis passes the point in +, also left of the reference; the control adds the value
+at the point and does not interpolate. The value is added to the command, so A = -e. The absolute
 curve is quantised once and then differenced: increments rounded separately would accumulate their
 rounding errors.
 """
@@ -24,13 +24,14 @@ from stepdiag.exporters.tables.tables import Law, Table
 KIND = "pitch"
 LAW = Law(sense="as-compensation", data="incremental", between="stepped")
 LARGEST_MAGNIFICATION = 100
-"""Upper end of parameter 3623."""
+"""Largest value of parameter 3623 (magnification)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Points:
-    """The point numbers of an axis: of the reference (3620), the lowest (3621) and the highest
-    section (3622)."""
+    """Point numbers of an axis: those of the reference (3620), of the lowest section (3621) and of
+    the highest section (3622).
+    """
 
     reference: int
     lowest: int
@@ -38,15 +39,15 @@ class Points:
 
     @property
     def start(self) -> int:
-        """Return the number of the table's low end, which holds no data: the section above it is
-        ``lowest``.
+        """Return the point number of the table's low end. This point has no data; ``lowest`` is the
+        section above it.
         """
         return self.lowest - 1
 
 
 def points_of(axis: AxisPoints, grid_mm: Vector, reference_mm: float, where: str) -> Points:
-    """Return the point numbers of a grid. Raises ``SafetyError`` where the reference is not a point
-    of the axis.
+    """Return the point numbers of a grid. Raises ``SafetyError`` if the reference is not a point of
+    the grid.
     """
     step = float(grid_mm[1] - grid_mm[0])
     below = (reference_mm - float(grid_mm[0])) / step
@@ -74,8 +75,8 @@ def pitch_tables(
 ) -> tuple[Table, ...]:
     """Return the pitch table of an axis, or a table per direction in the bidirectional form.
 
-    ``already_um`` is the addition of inclination compensation at the points of the grid. Raises
-    ``SafetyError`` if no magnification keeps every increment within the limit.
+    ``already_um`` is the correction that inclination compensation adds at the points of the grid.
+    Raises ``SafetyError`` if no magnification keeps every increment within the limit.
     """
     grid, forward, reverse = sampled_um(curve, profile)
     directional = is_directional(curve, profile)

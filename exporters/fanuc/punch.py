@@ -1,4 +1,4 @@
-"""FANUC punch files: read unchanged, changed only in the digits after a P.
+"""FANUC punch files: an export changes only digits after a P and no other byte.
 
 Evidence: 31 machine dumps compared byte by byte (controllers.md 2.6). Blocks end with LF CR CR, the
 file begins and ends with ``%``, there is no ``;``, ``+``, ``?`` or lower case. New generation
@@ -32,8 +32,9 @@ _FORBIDDEN = re.compile(rb"[a-z;?+]")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
-    """One block between two ends of block: its bytes and its N number (None for comments and the
-    like)."""
+    """A block of a punch file: its bytes and its N number (None for a comment or another block
+    without N).
+    """
 
     text: bytes
     number: int | None
@@ -42,14 +43,14 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class PunchFile:
-    """A punch file of the machine, split into blocks but complete to the byte."""
+    """A punch file of the machine, split into blocks that together contain every byte."""
 
     name: str
     blocks: tuple[Block, ...]
 
     @cached_property
     def pitch(self) -> Mapping[int, int]:
-        """Return the pitch data: point number -> stored increment."""
+        """Return the pitch data of the file: the stored increment by point number."""
         found: dict[int, int] = {}
         for block in self.blocks:
             if (match := _pitch_value(block)) is not None and block.number is not None:
@@ -64,8 +65,9 @@ class PunchFile:
         return found
 
     def parameter(self, number: int, axis: int | None) -> str | None:
-        """Return the text of a parameter, of one axis (``A<axis>``) or without axes, None where the
-        file has none."""
+        """Return the text of a parameter of one axis (``A<axis>``) or of a parameter without axes,
+        None if the file does not contain it.
+        """
         for block in self.blocks:
             if block.number == number and (match := _parameter_value(block.text, axis)):
                 return match["value"].decode("ascii")
@@ -74,9 +76,10 @@ class PunchFile:
     def changed(
         self, pitch: Mapping[int, int], parameters: Mapping[tuple[int, int | None], str]
     ) -> bytes:
-        """Return the bytes of the file with new pitch data and new parameters of (number, axis).
+        """Return the bytes of the file with new pitch data and new parameters, which are given by
+        number and axis.
 
-        Only digits behind a P change, and only of numbers in the file: the control refuses unknown
+        Only digits after a P change, and only for numbers in the file: the control refuses unknown
         numbers. Raises ``SafetyError`` for a pitch point missing in the file.
         """
         missing = sorted(set(pitch) - set(self.pitch))

@@ -1,5 +1,4 @@
-"""FANUC tables as the control reads them from punch files, the parameters they refer to
-included."""
+"""FANUC tables and their parameters, read from punch files as the control reads them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,7 +29,7 @@ def read_tables(
 ) -> tuple[Table, ...]:
     """Return pitch, inclination and straightness tables of the profile's axes.
 
-    Raises ``DataError`` for a range with missing points or a parameter that is no number.
+    Raises ``DataError`` for a range with missing points, and for a parameter that is not a number.
     """
     reader = _Reader(files, profile, options)
     tables: list[Table] = []
@@ -60,8 +59,8 @@ class _Reader:
         self._data = {point: value for file in files for point, value in file.pitch.items()}
 
     def pitch(self, letter: str) -> list[Table]:
-        """Return the pitch table of an axis, or one a direction; None where the files hold no point
-        of its range.
+        """Return the pitch table of an axis, or two tables for two directions; none if the files
+        contain no point of the axis' range.
         """
         axis = self._options.axis(letter, self._profile.source)
         lowest, highest = self._range(letter, axis)
@@ -85,10 +84,10 @@ class _Reader:
         return [forward, self._pitch_table(letter, position, first, -1, offset)]
 
     def _bidirectional(self, axis: AxisPoints, count: int) -> bool:
-        """Return whether an axis has a second table for travel in -, by its own 3605#0.
+        """Return whether an axis has a second table for travel in -, by its parameter 3605#0.
 
-        If no file holds this parameter, the profile decides, as far as there are data in the second
-        range.
+        If no file contains this parameter, the answer is yes if the profile asks for both
+        directions and the range of the second table contains data.
         """
         bits = self._find(BIDIRECTIONAL, axis.number)
         if bits is not None:
@@ -101,7 +100,7 @@ class _Reader:
         return asked and any(self._data.get(point) for point in range(first, first + count))
 
     def inclination(self, letter: str) -> list[Table]:
-        """Return the inclination compensation of an axis, if the files hold it."""
+        """Return the inclination compensation of an axis, if the files contain it."""
         number = self._options.axis(letter, self._profile.source).number
         keys = (*lines.INCLINATION_POINTS, *lines.INCLINATION_VALUES)
         if not self._options.axes[letter].inclination or self._find(keys[0], number) is None:
@@ -109,7 +108,7 @@ class _Reader:
         return [self._line_table(lines.INCLINATION, letter, letter, keys, number)]
 
     def straightness(self, name: str, numbers: StraightnessNumbers) -> list[Table]:
-        """Return the four-point straightness with the name ``name``, if the files hold it: a
+        """Return the four-point table of the straightness ``name``, if the files contain it: a
         control with the option but without a table punches the four points as zeros.
         """
         keys = (*numbers.points, *numbers.values)
@@ -138,8 +137,8 @@ class _Reader:
         text = self._find(3624, axis.number)
         if text is None:
             return self._profile.axis(letter).step_mm
-        # Old controls write lengths as integers in least input units, new ones with a decimal point
-        # in mm (controllers.md 2.6).
+        # Old controls write lengths as integers in least input units, new controls write them in mm
+        # with a decimal point (controllers.md 2.6).
         value = finite(text, f"{self._names}: parameter 3624 A{axis.number}")
         if value < 0:
             raise DataError(
@@ -163,7 +162,7 @@ class _Reader:
                 ),
                 found=message("no-point", number=missing[0]),
             )
-        # An empty table is the same at any magnification: a machine without compensation need not
+        # The magnification has no effect on an empty table: a machine without compensation need not
         # state it.
         default = (
             axis.magnification
@@ -223,8 +222,8 @@ class _Reader:
     def _number(
         self, number: int, axis: int | None, default: int | None, field: str = ""
     ) -> int:
-        """Return a parameter as a whole number: from the files, or else the profile's ``default``
-        in ``field``.
+        """Return a parameter as a whole number from the files, else the ``default`` that the
+        profile states in ``field``.
         """
         text = self._find(number, axis)
         where = f"{self._names}: parameter {number}{'' if axis is None else f' A{axis}'}"

@@ -1,12 +1,12 @@
-"""FANUC straightness compensation with the parameters of the machine's own file: its sets, and
-their contents.
+"""The sets of FANUC straightness parameters in the machine's own file, and the contents of these
+sets.
 
 B-63522EN/02 15.5 describes the function: a moving axis, a compensated axis, four pitch points of
 the moving axis and the compensation there. No consulted manual states the parameter numbers; the
-numbers below are from memory. They are used only if the profile states the option
-(``straightness_option``) and the machine's own punched parameters hold all ten numbers of a set;
-otherwise only the report shows the table. Such a control holds three sets, used for the three
-functions with the largest effect, squareness included.
+numbers below are from memory. These numbers are used only if the profile states the option
+(``straightness_option``) and the machine's own punched parameters contain all ten numbers of a set;
+else only the report shows the table. A control with the option has three sets, which are used for
+the three functions with the largest effect (with squareness).
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ SETS = tuple(
 
 
 def sets_in(files: Sequence[PunchFile]) -> tuple[StraightnessNumbers, ...]:
-    """Return the sets whose ten numbers are in one of the files."""
+    """Return the sets of parameters whose ten numbers are all in one of the files."""
     return tuple(
         one
         for one in SETS
@@ -48,14 +48,14 @@ def given_to(
     files: Sequence[PunchFile],
     source: str,
 ) -> FanucOptions:
-    """Return the options with each set of the machine assigned to a function, the functions of the
-    largest effect first; the profile's sets stay.
+    """Return the options with each set of the machine assigned to a function, in the order of the
+    functions' effect; sets in the profile keep their functions.
 
-    A function keeps its set in the machine's files; a function outside ``tables`` keeps its set
-    too.
+    A function keeps the set that it has in the machine's files, even if the function is not in
+    ``tables``.
 
     Raises ``SafetyError`` (code ``template-missing.parameters``) if the profile states the option
-    and no file shows it.
+    and no file contains a set.
     """
     if not options.straightness_option:
         return options
@@ -84,7 +84,9 @@ def given_to(
 def found_in(
     files: Sequence[PunchFile], options: FanucOptions
 ) -> dict[str, StraightnessNumbers]:
-    """Return the sets in use by function name, by moving and compensated axis in the files."""
+    """Return the sets in use by the name of the function, which follows from the moving and the
+    compensated axis in the files.
+    """
     letters = {axis.number: letter for letter, axis in options.axes.items()}
     found: dict[str, StraightnessNumbers] = {}
     for one in sets_in(files) if options.straightness_option else ():
@@ -106,6 +108,6 @@ def _set_number(files: Sequence[PunchFile], key: int) -> int:
 
 
 def _worth_um(table: Table) -> float:
-    """Return the spread of the four points' values along the axis."""
+    """Return the standard deviation along the axis of the lines through the four points, in um."""
     at = np.linspace(table.position_mm[0], table.position_mm[-1], 201)
     return float(np.std(np.interp(at, table.position_mm, table.value_um)))

@@ -1,5 +1,5 @@
 """Sets of control files: names, numbers, lines, hashes.
 
-In: bytes and text. Out: files that are whole or absent. Imported by every room above; independent
-of all controls.
+Input: bytes and text. Output: files that are complete or absent. Every other package of the
+exporters imports this package, which depends on no control.
 """

@@ -9,8 +9,8 @@ from typing import Literal
 class ControlFile:
     """A file for the control: plain name, exact bytes, and purpose.
 
-    ``data`` is a table for the control (read back by ``parse``), ``program`` a part program that
-    loads it, ``note`` text for people.
+    The purpose is ``data`` for a table of the control (``parse`` reads it back), ``program`` for a
+    part program that loads a table, ``note`` for a text for people.
     """
 
     name: str
@@ -19,5 +19,5 @@ class ControlFile:
 
 
 def without_notes(files: Iterable[ControlFile]) -> tuple[ControlFile, ...]:
-    """Return the files that are for the control, in their order."""
+    """Return the files that are for the control and not for people, in the same order."""
     return tuple(file for file in files if file.role != "note")

@@ -1,4 +1,4 @@
-"""Line by line: the reading and writing that all plain text tables of controls share."""
+"""Reading and writing of lines, for the plain text tables of all controls."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -13,19 +13,19 @@ from stepdiag.exporters.files.control_file import ControlFile
 
 MOST_LINES = 1_000_000
 LONGEST_LINE = 4096
-"""Limits of a file of lines: a lattice of a hundred points an axis has a million lines, all of them
-short.
+"""Longest line and largest number of lines of a text file: a lattice of a hundred points an axis
+has a million short lines.
 """
 _SHOWN = 60
 
 
 def ascii_lines(lines: Iterable[str], newline: str = "\n") -> bytes:
-    """Return the bytes of a text file, every line ended by ``newline``."""
+    """Return the bytes of a text file in which ``newline`` ends every line."""
     return "".join(line + newline for line in lines).encode("ascii")
 
 
 def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
-    """Yield the place (``x.com: line 3``) and the text of every line, empty ones included.
+    """Yield the place (``x.com: line 3``) and the text of every line, also of empty lines.
 
     Raises ``DataError`` for bytes that are not ASCII text.
     """
@@ -56,7 +56,7 @@ def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
 
 
 def headed_lines(file: ControlFile, header: str) -> list[tuple[str, str]]:
-    """Return every line that is not empty with its place, the header first.
+    """Return the place and the text of every line that is not empty, the header first.
 
     Raises ``DataError`` for another header.
     """
@@ -87,8 +87,8 @@ def number_rows(file: ControlFile, header: str, expected: Message) -> Vector:
 
 
 def require_end(file: ControlFile, mark: bytes, end: bytes) -> None:
-    """Raise ``DataError`` for a file of this program, recognised by ``mark``, that does not end
-    with the line ``end``: its rest is lost.
+    """Raise ``DataError`` if a file of this program, recognised by ``mark``, does not end with the
+    line ``end``, because its end is missing.
     """
     if mark in file.data and not file.data.rstrip().endswith(end):
         raise DataError(
@@ -100,8 +100,8 @@ def require_end(file: ControlFile, mark: bytes, end: bytes) -> None:
 
 
 def finite(text: str, where: str) -> float:
-    """Return the number in ``text``. Raises ``DataError`` with ``where``, for any other text,
-    infinity and NaN included.
+    """Return the number in ``text``. Raises ``DataError``, with the place ``where``, for any other
+    text and for infinity and NaN.
     """
     try:
         value = float(text)
@@ -113,8 +113,8 @@ def finite(text: str, where: str) -> float:
 
 
 def whole(text: str, where: str) -> int:
-    """Return the whole number in ``text``. Raises ``DataError`` with ``where``, for any other
-    text.
+    """Return the whole number in ``text``. Raises ``DataError``, with the place ``where``, for any
+    other text.
     """
     try:
         value = int(text)
@@ -126,5 +126,5 @@ def whole(text: str, where: str) -> int:
 
 
 def shown(text: str) -> str:
-    """Return the text found, in quotes and shortened if it is long."""
+    """Return a text in quotes for a message, shortened if it is long."""
     return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..")

@@ -1,4 +1,6 @@
-"""Warnings in the names of exported files: readable for people, skipped by a control's reader."""
+"""Warnings in the names of exported files, which people read and the readers of control files
+ignore.
+"""
 
 from pathlib import PurePath
 
@@ -13,11 +15,11 @@ def suffixed(name: str, suffix: str) -> str:
 
 
 def plain_name(name: str) -> str:
-    """Return the name of the file in the control: without the suffixes of an export."""
+    """Return the name of a file in the control: the name without the suffixes of an export."""
     path = PurePath(name)
     return f"{path.stem.removesuffix(RESTORE).removesuffix(UNTESTED)}{path.suffix}"
 
 
 def is_restore(name: str) -> bool:
-    """Return whether the file restores the earlier state of the control."""
+    """Return whether the file with this name restores the earlier state of the control."""
     return PurePath(name).stem.endswith(RESTORE)

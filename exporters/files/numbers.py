@@ -1,4 +1,6 @@
-"""Numbers in files for controls: a decimal point whatever the locale, and never a negative zero."""
+"""Text of numbers in files for controls: with a decimal point in any locale, and never a negative
+zero.
+"""
 
 
 def fixed(value: float, decimals: int) -> str:

@@ -1,9 +1,9 @@
 """Sets of files: a folder with its files and their SHA-256 is written completely or not at all, and
 is read completely or refused.
 
-A control with half of an export is in a worse state than a control without any. So a set is written
-into a hidden folder beside its place, the restoring files before the changing files, synced to the
-disk, and renamed once. `SHA256SUMS` then lists the members of the set.
+A control with half of an export is in a worse state than a control without an export. So a set is
+written into a hidden folder beside the target folder (the restore files first), synced to the disk,
+and renamed once. `SHA256SUMS` lists the members of the set.
 """
 
 import hashlib
@@ -29,17 +29,17 @@ from stepdiag.exporters.files.naming import is_restore
 
 SUMS = "SHA256SUMS"
 EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The oldest date that a zip can hold: the same files give the same bytes."""
+"""Date of all members of a zip, the oldest possible date: equal files give equal bytes."""
 _LINE = re.compile(r"(?P<digest>[0-9a-f]{64})  (?P<name>[^/\\\x00-\x1f]{1,200})")
 
 
 def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
-    """Write ``files`` with their SHA-256 into a folder that is new or empty; return all names. An
-    equal set in the folder remains.
+    """Write ``files`` and the list of their SHA-256 into a folder that is new or empty, and return
+    all names. If the folder contains an equal set, nothing is written.
 
-    In any event, power loss included, the folder holds all files or none, and of two writers only
-    one succeeds. Raises ``UsageError`` if the folder holds anything else, cannot be written, or two
-    files have one name.
+    The folder then contains all files or none, even after a loss of power, and of two simultaneous
+    writers only one succeeds. Raises ``UsageError`` if the folder contains other files or cannot be
+    written, or if two files have the same name.
     """
     everything = (*files, sums_of(files))
     refuse_file_name(folder)
@@ -56,7 +56,7 @@ def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
 
 
 def sums_of(files: Sequence[ControlFile]) -> ControlFile:
-    """Return the list of the files' SHA-256, as ``sha256sum --check`` reads it."""
+    """Return the file with the SHA-256 of all files, in the format of ``sha256sum --check``."""
     lines = "".join(
         f"{hashlib.sha256(file.data).hexdigest()}  {file.name}\n" for file in files
     )
@@ -66,8 +66,8 @@ def sums_of(files: Sequence[ControlFile]) -> ControlFile:
 def read_set(folder: Path) -> tuple[ControlFile, ...]:
     """Return the files of a set, ``SHA256SUMS`` last.
 
-    Raises ``SafetyError`` (``set-altered``) unless the folder holds exactly the files of its list,
-    with the bytes that were written, and ``DataError`` without a list; hidden remains of an
+    Raises ``SafetyError`` (``set-altered``) unless the folder contains exactly the files of its
+    list, with the bytes that were written, and ``DataError`` without a list. Hidden files of an
     interrupted write are ignored.
     """
     wanted = listed(folder)
@@ -96,7 +96,7 @@ def read_set(folder: Path) -> tuple[ControlFile, ...]:
 
 
 def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
-    """Return the named files: the files of whole folders (`read_set`), and single files.
+    """Return the files at the given paths: a folder stands for all files of its set (`read_set`).
 
     A single file of a set must be unchanged (``SafetyError``, code ``set-altered``); the list of a
     set represents the whole set.
@@ -116,8 +116,8 @@ def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
 
 
 def zip_of(folder: Path, *, restore: bool) -> bytes:
-    """Return a set as a zip, either without the files that restore the control or with these alone;
-    its ``SHA256SUMS`` covers its contents.
+    """Return the files of a set as a zip, either without the restore files or with these alone; the
+    ``SHA256SUMS`` in the zip lists the contents of the zip.
 
     The packed bytes are the bytes compared with the list: a set altered during the download is
     refused, with the SafetyError of `read_set`.
@@ -137,8 +137,8 @@ def zip_of(folder: Path, *, restore: bool) -> bytes:
 
 
 def listed(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 by name, from the folder's list. Raises DataError without a list,
-    SafetyError for a list with another text.
+    """Return the SHA-256 of each file by name, from the folder's list. Raises DataError without a
+    list, SafetyError for a list in another format.
     """
     path = folder / SUMS
     if not path.is_file():
@@ -206,8 +206,8 @@ def _refuse_doubled(folder: Path, files: Sequence[ControlFile]) -> None:
 
 
 def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
-    """Return whether the folder already holds the set. Raises ``UsageError`` where the folder holds
-    other files.
+    """Return whether the folder already contains the set. Raises ``UsageError`` if the folder
+    contains other files.
     """
     if not target.exists() or (target.is_dir() and not any(target.iterdir())):
         return False
@@ -222,7 +222,7 @@ def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
 
 
 def _rename_into_place(target: Path, files: Sequence[ControlFile]) -> None:
-    """Write the files beside the target and move them there with one renaming."""
+    """Write the files into a folder beside the target, and rename this folder to the target."""
     with folder_made(target.parent), part_of(target) as part:
         for file in _restore_first(files):
             write_through(part / file.name, file.data)
@@ -231,7 +231,7 @@ def _rename_into_place(target: Path, files: Sequence[ControlFile]) -> None:
         try:
             part.rename(target)
         except OSError:
-            # another export was faster: its set stays, and counts as this one if it is equal
+            # another export was faster: its set stays, and an equal set counts as success
             if not _stands_there(target, files):
                 raise
         sync_folder(target.parent)

@@ -33,17 +33,21 @@ _WIDTH = 16
 COMPONENTS = ("C1", "C2", "C3")
 TURNS = ("C4", "C5", "C6")
 DEGREE_DECIMALS = 8
-"""Places of an angle in degrees: 0.0002 urad."""
+"""Number of decimal places of an angle in degrees: the last place is 0.0002 urad."""
 _URAD_PER_DEGREE = np.pi / 180.0 * 1e6
 
 
 def file_name(axis: str, positions: bool) -> str:
-    """Return the name of the table of an input axis in each generation."""
+    """Return the file name of the table of an input axis, for controls with (``positions``) or
+    without a column of positions.
+    """
     return f"AXIS_{axis}.COM" if positions else f"AXIS-{axis}.COM"
 
 
 def axis_in(name: str, axes: Sequence[str]) -> str:
-    """Return the axis at the end of a table's name. Raises ``DataError``."""
+    """Return the axis at the end of a table's name. Raises ``DataError`` for a name without an
+    axis.
+    """
     stem = name.upper().removesuffix(".COM")
     for axis in axes:
         if stem.endswith((f"_{axis.upper()}", f"-{axis.upper()}")):
@@ -56,8 +60,8 @@ def render(
 ) -> ControlFile:
     """Return the .COM file of the tables of one input axis, which share a grid.
 
-    ``positions``: the newer form with a column AXISPOS; otherwise the first line holds DATUM and
-    DISTANCE.
+    With ``positions`` the file has the newer form with a column AXISPOS; else the first line
+    contains DATUM and DISTANCE.
     """
     name, grid = str(tables[0].place["file"]), tables[0].position_mm
     values = {
@@ -96,7 +100,7 @@ def render(
 
 
 def _kinematics_cells(tables: Sequence[Table], decimals: int) -> dict[str, list[str]]:
-    """Return the texts for those of the columns C1 to C6 that the tables contain."""
+    """Return the texts of those columns among C1 to C6 for which there is a table."""
     cells: dict[str, list[str]] = {}
     for table in tables:
         if COLUMN not in table.place:
@@ -128,8 +132,8 @@ def render_assignment(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """Interpretation of a table: kinds of its columns, their law; ``levers`` of the angles, None if
-    the profile states no chain.
+    """Interpretation of a table: the kinds of the columns, the law of the values, and the
+    ``levers`` of the angles (None if the profile states no chain).
     """
 
     kind: str
@@ -139,8 +143,8 @@ class Reading:
 
 
 def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> list[Table]:
-    """Return the tables of a .COM file, one per axis with a column, and the tables of C1 to C6.
-    Raises ``DataError``.
+    """Return the tables of a .COM file: one for each axis with a column, and those of C1 to C6.
+    Raises ``DataError`` for a wrong file.
     """
     begin, columns, rows = _com_cells(file)
     index = {column: place for place, column in enumerate(columns)}
@@ -214,8 +218,8 @@ def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> 
 def _kinematics(
     column: str, value: Vector, like: Table, profile: Profile, how: Reading, levers: Vector
 ) -> Iterator[Table]:
-    """Yield the movements by a column of C1 to C6; the displacement along the axis itself only if
-    not zero.
+    """Yield the tables of the movements by a column of C1 to C6; a displacement along the axis
+    itself only if it is not zero.
     """
     letter = like.input_axis
     if column in TURNS:
@@ -289,10 +293,11 @@ def _positions(
 def _com_cells(
     file: ControlFile, *, free_cells: bool = False
 ) -> tuple[re.Match[str], list[str], list[tuple[str, list[str]]]]:
-    """Return first line, column names, and the cells of each row with its place.
+    """Return the first line, the names of the columns, and the cells of each row with the place of
+    the row.
 
-    ``free_cells``: cells may be empty, so the columns are cut at their beginnings; otherwise at the
-    blanks.
+    With ``free_cells`` cells may be empty, so a row is cut where the columns of the heading begin;
+    else it is cut at blanks.
     """
     lines = [(at, line) for at, line in read_lines(file) if line.strip()]
     begin = _BEGIN.match(lines[0][1]) if lines else None
@@ -329,8 +334,8 @@ def _cut(line: str, starts: Sequence[int]) -> list[str]:
 
 
 def _heading(columns: Sequence[str], ending: str, profile: Profile) -> str:
-    """Return the heading: from the control's own file if it has the same columns, otherwise with
-    assumed widths.
+    """Return the heading of the control's own file if that has the same columns, else a heading
+    with assumed widths.
     """
     for file in profile.existing:
         if file.name.upper().endswith(ending):

@@ -1,5 +1,5 @@
 """LinuxCNC: COMP_FILEs.
 
-In: tables. Out: files of this control, and tables read back from them. Imported by
-`profiles.registry`.
+Input: tables. Output: files of this control, and tables read back from such files.
+`profiles.registry` imports this package.
 """

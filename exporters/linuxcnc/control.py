@@ -1,10 +1,13 @@
-"""LinuxCNC: one COMP_FILE of type 0 per axis, and the squareness as coefficients of ``matrixkins``.
+"""LinuxCNC: one COMP_FILE of type 0 for each axis, and coefficients of ``matrixkins`` for the
+squarenesses.
 
 Source read at commit 5c41560: inijoint.cc, usrmotintf.cc, command.c, control.c, matrixkins.comp. A
-row of type 0 is ``nominal forward-actual reverse-actual``, with real positions, so that no sign can
-be wrong. The first line that does not give three numbers silently ends the file: no comments. At
-most 256 rows, nominal rising. Linear between rows, ends held, in joint space after the kinematics.
-The control has no table for straightness: a finding names the rest of it.
+row of type 0 is ``nominal forward-actual reverse-actual``, where forward-actual and reverse-actual
+are real positions, so that no sign can be wrong. The first line that does not give three numbers
+silently ends the file: no comments. A file has at most 256 rows with rising nominal positions. The
+control interpolates linearly between rows, keeps the end values beyond them, and adds the
+correction in joint space after the kinematics. It has no table for straightness; a finding names
+the straightness that remains.
 """
 
 import re
@@ -49,7 +52,7 @@ MATRIX = "matrixkins"
 SCREW_LAW = Law(sense="as-error")
 MATRIX_LAW = Law(sense="as-compensation", ends="extended")
 MOST_ROWS = 256
-"""EMCMOT_COMP_SIZE."""
+"""Largest number of rows of a COMP_FILE (EMCMOT_COMP_SIZE)."""
 _COEFFICIENT_DECIMALS = 9
 _HAL_NAME = "squareness.hal"
 _SETP = re.compile(
@@ -58,7 +61,9 @@ _SETP = re.compile(
 
 
 class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[linuxcnc]``: the joints of each axis, and the decimal places of a correction."""
+    """The section ``[linuxcnc]`` of a profile: the joints of each axis, and the decimal places of a
+    correction.
+    """
 
     joints: dict[str, list[int]]
     way: Literal["screw", "kinematics"] = "screw"
@@ -81,7 +86,7 @@ matrixkins = "?"
 
 @dataclass(frozen=True, slots=True)
 class LinuxCnc:
-    """LinuxCNC as `exporters.tables.controller.Controller`."""
+    """LinuxCNC in the form of `exporters.tables.controller.Controller`."""
 
     name: str = "linuxcnc"
     title: str = "LinuxCNC (COMP_FILE type 0 and matrixkins)"
@@ -96,8 +101,8 @@ class LinuxCnc:
         return LinuxCncOptions(joints={"X": [0], "Y": [1], "Z": [2]})
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return the size of the table, and the value that it holds in place of BACKLASH; the
-        control checks neither value nor slope.
+        """Return the largest size of a table, and the part of its values that replaces BACKLASH;
+        the control checks neither value nor slope.
         """
         if table.kind != SCREW:
             return Limits()
@@ -110,9 +115,9 @@ class LinuxCnc:
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return screw tables for positioning errors and a coefficient for each squareness.
 
-        Raises ``UsageError`` for a profile of a machine with the kinematics component: it holds a
-        lattice and no tables; ``SafetyError`` (code ``profile-incomplete.backlash``) for a profile
-        without the BACKLASH that a COMP_FILE would switch off.
+        Raises ``UsageError`` if the machine has the kinematics component, which uses a lattice and
+        no tables; ``SafetyError`` (code ``profile-incomplete.backlash``) for a profile without the
+        BACKLASH that a COMP_FILE switches off.
         """
         if profile.options_as(LinuxCncOptions).way == "kinematics":
             remedy = message("sense-component-stands-its")
@@ -147,8 +152,8 @@ class LinuxCnc:
         )
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
-        """Return the functions, each with its partner for a squareness: the lines of both determine
-        the turn of a coefficient.
+        """Return the functions to write; a function with a squareness brings its partner, because
+        the straight lines of both determine the coefficient.
         """
         partners = {f"E{name[2]}{name[1]}" for name in names if name in fold.values()}
         return tuple(name for name in FUNCTIONS if name in partners or name in names)
@@ -156,8 +161,9 @@ class LinuxCnc:
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return ``screw_x.comp`` .. for the axes, ``squareness.hal``, and the lines for the INI
-        file as a note."""
+        """Return the files ``screw_x.comp`` .. of the axes, ``squareness.hal``, and a note with the
+        lines for the INI file.
+        """
         screws = {
             letter: [t for t in tables if t.kind == SCREW and t.input_axis == letter]
             for letter in "XYZ"
@@ -193,8 +199,8 @@ class LinuxCnc:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the active tables: a COMP_FILE per axis, named in the INI file, and a HAL file
-        with the coefficients of matrixkins.
+        """Return the tables that are active after loading: those of the COMP_FILEs and of the HAL
+        file that the INI file names.
         """
         return overwritten(
             self.parse(own, profile),
@@ -203,8 +209,8 @@ class LinuxCnc:
         )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the own files, and the lines to remove from the INI file: a COMP_FILE of zeros
-        would still disable BACKLASH.
+        """Return the machine's own files as restore files, and the lines to remove from the INI
+        file, because a COMP_FILE of zeros would still disable BACKLASH.
         """
         before = self._naming(profile)
         written = [file for file in self.render(tables, profile) if file.role == "data"]
@@ -220,8 +226,8 @@ class LinuxCnc:
         files: Sequence[ControlFile] | None = None,
         over: Naming | None = None,
     ) -> Naming:
-        """Return the files named in the INI file, for the machine's own files or for new ones over
-        those.
+        """Return the file names in the INI file, for the machine's own files or for new files that
+        replace some of them.
         """
         joints, inch = (
             profile.options_as(LinuxCncOptions).joints,
@@ -236,7 +242,7 @@ class LinuxCnc:
         )
 
     def _active(self, profile: Profile) -> tuple[Table, ...]:
-        """Return the screw tables active during the measurement."""
+        """Return the screw tables that were active during the measurement."""
         if profile.machine.measured_with == "off" or not profile.existing:
             return ()
         return tuple(
@@ -244,21 +250,22 @@ class LinuxCnc:
         )
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return ``READ_BACK.ngc`` and its reader."""
+        """Return the part program ``READ_BACK.ngc`` and the script that it calls."""
         return read_back_files(
             [table for table in tables if table.kind == SCREW], unit_mm(profile)
         )
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file sets matrixkins, or begins with three numbers and is named after
-        one axis."""
+        """Return whether the file sets matrixkins, or begins with three numbers and has the letter
+        of one axis in its name.
+        """
         first = file.data.split(b"\n", 1)[0].decode("ascii", errors="replace")
         return b"setp matrixkins." in file.data or (
             _three_numbers(first) is not None and axis_in(file.name) is not None
         )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return one row a point."""
+        """Return the rows of the report, one for each point of the table."""
         return plain_rows(table)
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
@@ -308,7 +315,9 @@ class LinuxCnc:
 
 
 def _squareness_remark(curves: Sequence[Curve]) -> Iterator[Finding]:
-    """Yield which squareness is not written, where the control has no matrixkins."""
+    """Yield the finding that names the squarenesses that are not written, for a control without
+    matrixkins.
+    """
     if names := [
         part for curve in curves for part in curve.parts if part in SQUARENESS_SLOPE
     ]:
@@ -333,12 +342,12 @@ def _lattice_in_control(file: ControlFile, profile: Profile) -> SafetyError:
 def _taken_over(
     letter: str, active: Sequence[Table], profile: Profile
 ) -> tuple[float, float]:
-    """Return the contents of the forward and the reverse column of an axis in addition to the
-    measured error, as errors in um.
+    """Return the values in um, as errors, that the forward and the reverse column of an axis
+    contain in addition to the measured error.
 
     control.c adds half of BACKLASH in + and subtracts half in -, but adds nothing with a COMP_FILE:
-    so an error measured with an active BACKLASH needs it in the columns. If a COMP_FILE was active,
-    its own offset at the reference remains.
+    so the columns must contain the BACKLASH that was active during the measurement. If a COMP_FILE
+    was active, its offset at the reference is kept.
     """
     old = [table for table in active if table.input_axis == letter and table.direction >= 0]
     if old:
@@ -360,8 +369,8 @@ def _taken_over(
 def _with_backlash(
     tables: Sequence[Table], forward_um: float, reverse_um: float
 ) -> tuple[Table, ...]:
-    """Return the tables of an axis with an offset per direction; a single column becomes two if the
-    offsets differ.
+    """Return the tables of an axis with an offset added for each direction; a table for both
+    directions becomes two.
     """
     if forward_um == reverse_um == 0.0:
         return tuple(tables)
@@ -381,12 +390,12 @@ def _screw_name(letter: str) -> str:
 
 
 def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
-    """Return the squareness of two axes as a coefficient; it is zero at the machine zero, not at
-    the reference.
+    """Return the squareness of two axes as a table of one coefficient; its correction is zero at
+    the machine zero, not at the reference.
 
-    A coefficient turns one axis against another and has no other effect. Over the volume, the
-    straight lines that fit both curves of the pair give the best turn, not the line through the
-    ends of the curve with the squareness.
+    A coefficient turns one axis against another and has no other effect. The straight lines that
+    fit both curves of the pair give the best turn over the volume; the line through the ends of the
+    curve with the squareness does not.
     """
     slope = (
         straight_line_um_mm(curve) + sum(straight_line_um_mm(other) for other in partner)
@@ -398,8 +407,8 @@ def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
 
 
 def _partner(curve: Curve, curves: Sequence[Curve]) -> list[Curve]:
-    """Return the other curve of a pair of axes for a new coefficient: an old one already contains
-    both curves.
+    """Return the other curve of the pair of axes for a new coefficient; none if the coefficient
+    comes from an old table, which already contains both curves.
     """
     pair = [
         each
@@ -439,8 +448,8 @@ def _coefficient_line(table: Table) -> str:
 
 
 def _screw_file(tables: Sequence[Table], profile: Profile) -> bytes:
-    """Return the rows; nominal and actual have the same number of places, so that their difference
-    is the value itself.
+    """Return the bytes of a COMP_FILE; nominal and actual positions have equally many places, so
+    that the difference is the exact value.
     """
     unit = unit_mm(profile)
     forward = next(table for table in tables if table.direction >= 0)
@@ -493,7 +502,9 @@ def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
 
 
 def _comp_rows(file: ControlFile) -> Iterator[tuple[float, float, float]]:
-    """Yield the rows; a line that the control would read as the end of the file is refused."""
+    """Yield the rows of a COMP_FILE. Raises DataError for a line that the control would read as the
+    end of the file.
+    """
     last = -np.inf
     for where, line in read_lines(file):
         row = _three_numbers(line)
@@ -525,8 +536,8 @@ def _three_numbers(line: str) -> tuple[float, float, float] | None:
 
 
 def _read_matrix(file: ControlFile, profile: Profile) -> list[Table]:
-    """Return the coefficients of a HAL file, each over the travel of its multiplied axis, where
-    limits judge its size.
+    """Return the coefficients of a HAL file as tables over the travel of the multiplied axis, so
+    that limits apply to the size of the correction.
     """
     tables = []
     for where, raw in read_lines(file):
@@ -549,7 +560,9 @@ def _read_matrix(file: ControlFile, profile: Profile) -> list[Table]:
 
 
 def _travel_mm(letter: str, profile: Profile) -> Vector:
-    """Return the ends of an axis in mm by the profile; a metre to each side if not stated."""
+    """Return the ends of an axis in mm by the profile, or a metre to each side if the profile
+    states no ends.
+    """
     axis = profile.axes.get(letter)
     stated = (
         axis is not None

@@ -1,5 +1,5 @@
-"""The lines of LinuxCNC's INI file that activate files: the lines that an export adds and removes,
-and the reverse.
+"""The lines of LinuxCNC's INI file that activate files: those that an export adds and removes, and
+the reverse of this change.
 """
 
 import re
@@ -35,8 +35,8 @@ Joints = Mapping[str, Sequence[int]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Naming:
-    """Names in an INI file: the COMP_FILE of each joint, this program's kinematics with its
-    arguments, its HAL file.
+    """Names in an INI file: the COMP_FILE of each joint, the kinematics module with its arguments,
+    and the HAL file of an export.
 
     ``limits`` are the software limits of each joint in the machine's unit, if an export changes
     them.
@@ -48,7 +48,7 @@ class Naming:
     limits: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     def lines(self) -> list[tuple[str, str]]:
-        """Return section and line, in the order of the file."""
+        """Return the section and the text of each line, in the order of the file."""
         comp = [
             (f"[JOINT_{joint}]", line)
             for joint, name in sorted(self.comp.items())
@@ -67,16 +67,17 @@ class Naming:
 
 
 def axis_in(name: str) -> str | None:
-    """Return the axis in a file name: ``screw_x.comp``, ``screwcompX.dat``; None without an
-    axis.
+    """Return the axis in a file name such as ``screw_x.comp`` or ``screwcompX.dat``; None for a
+    name without an axis.
     """
     match = _SCREW_NAME.search(name.rpartition(".")[0].lower())
     return (match["axis"] or match["last"]).upper() if match else None
 
 
 def coordinates(joints: Joints, source: str) -> str:
-    """Return the axis letter of each joint in order, ``XYYZ``. Raises ``UsageError`` where a joint
-    has no letter, or two."""
+    """Return the axis letters of the joints in order, such as ``XYYZ``. Raises ``UsageError`` if a
+    joint has no letter or two letters.
+    """
     letters = {joint: letter for letter, each in joints.items() for joint in each}
     numbers = sorted(joint for each in joints.values() for joint in each)
     if numbers != list(range(len(numbers))) or not all(
@@ -98,10 +99,10 @@ def named_by(
     source: str,
     over: Naming | None = None,
 ) -> Naming:
-    """Return the names in the INI file while ``files`` are active, ``over`` the earlier names; a
-    lattice replaces all of them.
+    """Return the names in the INI file that activate ``files`` and keep the earlier names ``over``;
+    a lattice replaces all earlier names.
 
-    Raises ``UsageError`` for an axis without joints in the file.
+    Raises ``UsageError`` for an axis without joints in the profile.
     """
     named = over or Naming()
     for file in files:
@@ -132,8 +133,8 @@ def named_by(
 
 
 def change(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFile:
-    """Return the lines that change an INI file from one naming to another: plain lines if no line
-    has to be removed.
+    """Return a note with the lines that change an INI file from the names ``before`` to ``after``:
+    plain lines if no line has to be removed.
     """
     old, new = before.lines(), after.lines()
     rows = (
@@ -147,21 +148,21 @@ def change(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlF
 
 
 def back(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFile:
-    """Return the lines that change the INI file from ``after`` back to ``before``."""
+    """Return a note with the lines that change the INI file from ``after`` back to ``before``."""
     rows = [*_BACK, *(f"# {note}" for note in notes), *_changed(after, before)]
     return ControlFile(name=NAME, data=ascii_lines(rows), role="note")
 
 
 def unless_named(before: Naming, measured_with: str) -> tuple[str, ...]:
-    """Return the note on the machine's own COMP_FILEs that were inactive during the measurement:
-    the INI file may not have named them.
+    """Return the remark about the machine's own COMP_FILEs if they were inactive during the
+    measurement, because the INI file may not have named them.
     """
     return (UNLESS_NAMED,) if before.comp and measured_with == "off" else ()
 
 
 def _changed(before: Naming, after: Naming) -> Iterator[str]:
-    """Yield the lines to remove and to add, section by section; foreign kinematics are restored
-    with their original words.
+    """Yield the lines to remove and to add, section by section. If the INI file named kinematics of
+    another program, a line asks the user to restore the old entry.
     """
     old, new = before.lines(), after.lines()
     new += [_AS_BEFORE] if before.kinematics and not after.kinematics else []

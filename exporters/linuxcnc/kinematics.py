@@ -1,15 +1,16 @@
-"""LinuxCNC: the whole error field through a kinematics component of this program, which reads the
-lattice when the control starts.
+"""LinuxCNC: compensation of the whole error field by this program's kinematics component, which
+reads a lattice when the control starts.
 
 LinuxCNC has no volumetric compensation; a kinematics module can provide it, because only this
-module processes all axes at once. ``stepdiagkins.c`` replaces ``trivkins``: built on the control
-with ``halcompile`` (package linuxcnc-uspace-dev). Its source states its effect on the joints, so
-its sense is known and needs no sign test. The lattice holds the mean of both directions: reversal
-is left to ``BACKLASH``, which a COMP_FILE would switch off.
+module processes all axes at once. The component ``stepdiagkins.c`` replaces ``trivkins``;
+``halcompile`` (package linuxcnc-uspace-dev) builds it on the control. The source shows the
+component's effect on the joints, so its sense is known and needs no sign test. The lattice contains
+the mean of both directions; ``BACKLASH``, which a COMP_FILE would switch off, corrects the
+reversal.
 
 LinuxCNC compares the limits of an axis ([AXIS_L]) with its command and the limits of a joint
-([JOINT_n]) with the output of the kinematics: at the ends of the travel the joint stands beyond the
-axis by its correction, and its limits are widened by the largest correction.
+([JOINT_n]) with the output of the kinematics: at the ends of the travel a joint stands beyond its
+axis by the correction, so the joint limits are widened by the largest correction.
 """
 
 import math
@@ -47,7 +48,7 @@ TITLE = "LinuxCNC (kinematics component with a lattice over the volume)"
 
 
 def require_room(axes_mm: Sequence[Vector], profile: Profile) -> None:
-    """Raise ``SafetyError`` for a lattice on these axes that is too large for the component."""
+    """Raise ``SafetyError`` if a lattice on these axes is too large for the component."""
     vertices = math.prod(len(axis) for axis in axes_mm)
     if vertices > MOST_VERTICES:
         raise SafetyError(
@@ -63,9 +64,9 @@ def control_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[Cont
     """Return the lattice, the component's source, its HAL lines, and the lines for the INI file as
     a note.
 
-    The lines remove the names of the machine's own files: COMP_FILEs and coefficients would act in
-    addition to the lattice. They widen the limits of the joints. Raises ``UsageError`` for joint
-    numbers with a gap.
+    The lines for the INI file remove the names of the machine's own files, because COMP_FILEs and
+    coefficients would act in addition to the lattice, and widen the limits of the joints. Raises
+    ``UsageError`` for joint numbers with a gap.
     """
     file = lattice.render(held)
     before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))
@@ -85,8 +86,8 @@ def control_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[Cont
 
 
 def restore_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[ControlFile, ...]:
-    """Return the files that remove the lattice again: the own files, the lines of the INI file, and
-    zeros if there was no lattice before.
+    """Return the files that restore the state before the lattice: the machine's own files, the
+    lines for the INI file, and a lattice of zeros if there was no lattice before.
     """
     file = lattice.render(held)
     before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))
@@ -104,8 +105,8 @@ def restore_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[Cont
 
 
 def room_findings(held: Lattice, profile: Profile) -> Iterator[Finding]:
-    """Yield the axes whose joint would leave the travel while the axis is still inside the
-    lattice.
+    """Yield a warning for each axis whose joint would leave the travel while the axis is still
+    inside its travel.
     """
     for index, (letter, at) in enumerate(zip("XYZ", held.axes_mm, strict=True)):
         travel = profile.axis(letter).travel_mm
@@ -127,7 +128,7 @@ def room_findings(held: Lattice, profile: Profile) -> Iterator[Finding]:
 
 
 def _naming(files: Sequence[ControlFile], profile: Profile, joints: Joints) -> Naming:
-    """Return the names in the INI file for these files, with the limits of its joints."""
+    """Return the names in the INI file for these files, with the limits of the joints."""
     named = named_by(
         files, joints, inch=profile.machine.units == "inch", source=profile.source
     )
@@ -153,7 +154,9 @@ def _limits(
 
 
 def _limits_unstated(held: Lattice, profile: Profile, joints: Joints) -> Iterator[str]:
-    """Yield the shift of the joint limits, if the profile states no travel."""
+    """Yield a note with the necessary shift of the joint limits, for each axis whose travel the
+    profile does not state.
+    """
     for index, letter in enumerate("XYZ"):
         if profile.axis(letter).travel_mm is None:
             names = ", ".join(f"[JOINT_{joint}]" for joint in joints.get(letter, ()))

@@ -1,13 +1,14 @@
 #!/usr/bin/python3
-"""load_comp: the COMP_FILEs of this folder into a LinuxCNC configuration, and back out of it.
+"""load_comp: load the COMP_FILEs of this folder into a LinuxCNC configuration, or restore the
+earlier ones.
 
     /usr/bin/python3 load_comp.py MACHINE.ini
     /usr/bin/python3 load_comp.py MACHINE.ini --restore
 
-Nothing is written unless each COMP_FILE that the INI file names holds the rows of the machine's own
-file, included here as _RESTORE, or the rows of the new file. The original INI file is kept once as
-MACHINE.ini.before. Lines outside [JOINT_n] are left to a person. LinuxCNC reads these files at its
-start. The script needs only the control's own Python.
+The script writes nothing unless each COMP_FILE that the INI file names contains the rows of the
+machine's own file (_RESTORE in this folder) or of the new file. The first run copies the original
+INI file to MACHINE.ini.before. Lines outside [JOINT_n] must be changed by hand. LinuxCNC reads all
+these files at its start. The script needs only the control's own Python.
 """
 
 import shutil
@@ -17,10 +18,12 @@ from pathlib import Path
 
 KEYS = ("COMP_FILE", "COMP_FILE_TYPE")
 NOT_NAMED = "neither goes out nor comes back"
-"""Words of ini_lines.txt if the old tables were inactive: the INI file need not name them."""
+"""Text in ini_lines.txt if the old tables were inactive: the INI file then need not name these
+tables.
+"""
 Rows = list[tuple[float, ...]]
 Settings = dict[tuple[str, str], str]
-"""Value by section and key."""
+"""Values of an INI file by section and key."""
 
 
 def rows(path: Path) -> Rows:
@@ -45,8 +48,8 @@ def restoring(name: str) -> str:
 
 
 def settings(text: str) -> Iterator[tuple[str, str, str]]:
-    """Yield section, key and value of an INI file, or of the lines for it, where a key keeps its
-    sign.
+    """Yield section, key and value of each line of an INI file or of ini_lines.txt, where + or - is
+    part of the key.
     """
     section = ""
     for line in (each.strip() for each in text.splitlines()):
@@ -58,7 +61,9 @@ def settings(text: str) -> Iterator[tuple[str, str, str]]:
 
 
 def changes(text: str) -> tuple[Settings, Settings]:
-    """Return the lines to remove from the INI file and the lines to add, of the joints alone."""
+    """Return the lines to remove from the INI file and the lines to add, only those in sections of
+    joints.
+    """
     out: Settings = {}
     into: Settings = {}
     for section, signed, value in settings(text):
@@ -114,7 +119,7 @@ def changed(text: str, out: Settings, into: Settings) -> str:
 
 
 def main(words: list[str]) -> int:
-    """Load, or restore; return 1 if nothing is written."""
+    """Load or restore the COMP_FILEs; return 1 if nothing is written."""
     folder, ini, back = Path(__file__).parent, Path(words[0]), "--restore" in words
     lines = folder / f"ini_lines{'_RESTORE' if back else ''}.txt"
     text = lines.read_text(encoding="ascii") if lines.is_file() else ""

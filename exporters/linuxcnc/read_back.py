@@ -1,5 +1,5 @@
-"""Reading the numbers back from a running LinuxCNC: a program that stops at every row from both
-sides, and a reader of HAL; and the script that loads the COMP_FILEs.
+"""Files that read the table values back from a running LinuxCNC (a part program that stops at every
+row from both sides, and a script that reads HAL), and the script that loads COMP_FILEs.
 """
 
 from collections.abc import Sequence
@@ -10,19 +10,19 @@ from stepdiag.exporters.tables.tables import Table
 
 NAMES = ("READ_BACK.ngc", "stepdiag_back.py", "load_comp.py")
 _BEYOND = 1.0
-"""Distance beyond the first and last row, in units of the machine, for an arrival from both
-sides.
+"""Distance, in units of the machine, that the program drives beyond the first and the last row, so
+that these rows are also reached from both sides.
 """
 _DWELL_S = 0.5
-"""The reader accepts a stop that has lasted 0.25 s; the control applies an offset with half of the
-joint's acceleration.
+"""Dwell of the program at a row, in seconds: the reading script accepts a stop after 0.25 s, and
+the control applies an offset with half of the joint's acceleration.
 """
 _FEED_MM_MIN = 6000
 
 
 def read_back_files(screws: Sequence[Table], unit_mm: float) -> tuple[ControlFile, ...]:
-    """Return program and reader for the tables of screws, and the loader that compares the contents
-    of the configuration; none without tables.
+    """Return, for screw tables, the part program and the script that read them back, and the
+    loading script, which compares the contents of the configuration; none without tables.
     """
     if not screws:
         return ()

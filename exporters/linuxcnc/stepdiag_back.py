@@ -1,12 +1,13 @@
 #!/usr/bin/python3
-"""stepdiag_back: the values that LinuxCNC adds at every row of its COMP_FILEs, read from HAL while
-READ_BACK.ngc drives, written as COMP_FILEs.
+"""stepdiag_back: read from HAL the values that LinuxCNC adds at every row of its COMP_FILEs, while
+READ_BACK.ngc runs, and write them as COMP_FILEs.
 
     /usr/bin/python3 stepdiag_back.py 0 screw_x.comp 1 screw_y.comp 2 screw_z.comp
 
-Each pair is a joint and its COMP_FILE; held_screw_x.comp beside this file has the same rows with
-the active values. A row without a stop of the axes from both sides is reported, and its file is not
-written (exit code 1). The script needs only the control's own Python.
+Each pair of arguments is a joint and its COMP_FILE; the script writes held_screw_x.comp beside
+itself, with the same rows and the active values. If the axes did not stop at a row from both sides,
+the script reports the row and does not write its file (exit code 1). The script needs only the
+control's own Python.
 """
 
 import sys
@@ -36,7 +37,7 @@ class Reader:
 
     @property
     def missing(self) -> list[tuple[int, float, int]]:
-        """Return joint, position and direction of every row that is not read."""
+        """Return joint, position and direction of every row whose added value is not yet read."""
         return [
             (joint, at, way)
             for joint, rows in self.rows.items()
@@ -46,8 +47,8 @@ class Reader:
         ]
 
     def see(self, now_s: float, commanded: dict[int, float], added: dict[int, float]) -> None:
-        """Record the commanded positions of the joints and the added values; a stop counts after it
-        has lasted.
+        """Record the commanded positions of the joints and the added values; a stop counts if it
+        lasts for `STILL_S`.
         """
         if any(
             abs(commanded[joint] - self._last.get(joint, 1e300)) > STIR for joint in commanded
@@ -65,7 +66,7 @@ class Reader:
         self._stop = dict(commanded)
 
     def lines(self, joint: int) -> Iterator[str]:
-        """Yield the rows of a COMP_FILE of type 0 with the added values read."""
+        """Yield the rows of a COMP_FILE of type 0 with the added values that were read."""
         for index, at in enumerate(self.rows[joint]):
             forward, reverse = (at - self.added[joint][index, way] for way in (1, -1))
             yield f"{at:.6f} {forward:.6f} {reverse:.6f}"

@@ -1,4 +1,5 @@
 """Curves for people and other programs, as CSV.
 
-In: tables. Out: a CSV and the same tables read back. Imported by `profiles.registry` and safety.
+Input: tables. Output: a CSV, and tables read back from such a file. `profiles.registry` and the
+package safety import this package.
 """

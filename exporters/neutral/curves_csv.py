@@ -1,9 +1,9 @@
 """Curves as CSV for any control that is not in the registry: the error itself, in um, in machine
 coordinates.
 
-The only form without a control's law: the numbers are ``e = actual - commanded`` relative to the
-reference position. When read back, the curves count as the error; a person who types them into a
-control must choose the sign so that the control subtracts them.
+Only this format follows no control's law: the numbers are ``e = actual - commanded`` relative to
+the reference position. When read back, the curves count as the error; a person who types them into
+a control must choose the sign so that the control subtracts them.
 """
 
 from collections.abc import Sequence
@@ -31,12 +31,12 @@ _DECIMALS = 3
 
 
 class NeutralOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[neutral]``: a section without settings."""
+    """The section ``[neutral]`` of a profile, which has no settings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Neutral:
-    """Neutral curves as `exporters.tables.controller.Controller`."""
+    """The neutral curves in the form of `exporters.tables.controller.Controller`."""
 
     name: str = NAME
     title: str = "neutral curves (CSV)"
@@ -45,7 +45,7 @@ class Neutral:
     options_template: str = "[neutral]                     # nothing to choose\n"
 
     def quick_options(self) -> NeutralOptions:
-        """Return the options, which have no settings."""
+        """Return the options of a provisional export, which have no settings."""
         return NeutralOptions()
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
@@ -53,7 +53,7 @@ class Neutral:
         return Limits()
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return every curve on the profile's grid, to a nanometre."""
+        """Return a table for every curve on the profile's grid, rounded to a nanometre."""
         quantum_um = 10.0**-_DECIMALS
         planned = [
             absolute_tables(
@@ -69,8 +69,9 @@ class Neutral:
         profile: Profile,  # noqa: ARG002
         notes: Sequence[str] = (),  # noqa: ARG002
     ) -> tuple[ControlFile, ...]:
-        """Return ``curves.csv``; ``direction`` is 1 or -1 for travel of the input axis in + or -, 0
-        for both."""
+        """Return the file ``curves.csv``; in its column ``direction``, 1 or -1 is travel of the
+        input axis in + or -, 0 both.
+        """
         rows = [
             f"{table.name},{table.direction},{shortest(float(at))},{fixed(float(value), _DECIMALS)}"
             for table in tables
@@ -79,13 +80,13 @@ class Neutral:
         return (ControlFile(name="curves.csv", data=ascii_lines([HEADER, *rows, "end,,,"])),)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the curves in the files."""
+        """Return the tables of the curves in the files."""
         return tuple(table for file in files for table in _tables(file, profile))
 
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the curves of the later file: they represent a whole compensation."""
+        """Return the curves of the later file, because a file represents a whole compensation."""
         return self.parse(new or own, profile)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - part of the protocol
@@ -97,7 +98,7 @@ class Neutral:
         return file.data.startswith(HEADER.encode("ascii"))
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return one row a point."""
+        """Return the rows of the report, one for each point of the table."""
         return plain_rows(table)
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol

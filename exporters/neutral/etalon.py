@@ -4,9 +4,10 @@ volumetric compensation.
 TF5280, 296430091 of infosys.beckhoff.com and the same page of isg-stuttgart.de: a block begins with
 the ISO 230-1 name in square brackets, a position error has ``VALUE = number``, a function
 ``Gridpoints = { position value .. }``, ``//`` begins a comment; lengths in mm, angles in rad
-(296426379). The format lacks the point from which the lever of an angle counts. Here it is the zero
-of the axes, as in a control, so the displacements are shifted by the levers of the measured corner.
-The format also lacks the chain, which the command asks for.
+(296426379). The format does not state the point from which the lever of an angle counts. This
+program uses the zero of the axes, as a control does, so it shifts the displacements by the levers
+of the measured corner. The format does not contain the kinematic chain either; the command asks for
+the chain.
 """
 
 import re
@@ -37,7 +38,9 @@ _BLOCK = re.compile(r"^\[([A-Z0-9]{3})\]\Z")
 _VALUE = re.compile(r"^VALUE\s*=\s*(\S+)\Z")
 _BEGIN = re.compile(r"^Gridpoints\s*=\s*\{\Z")
 _DECIMALS = 9
-"""A nanoradian, a picometre: the largest number of decimal places in a file for a control."""
+"""Number of decimal places, the largest in any file for a control: the last place is a nanoradian
+or a picometre.
+"""
 
 
 def render(result: Result) -> ControlFile:
@@ -75,7 +78,7 @@ def render(result: Result) -> ControlFile:
 
 def _lever_um(result: Result, name: str, mask: Vector, origin: Vector) -> Vector:
     """Return the effect of an axis' angles on one displacement function by the lever of the
-    measured corner, in um at its positions.
+    measured corner, in um at the positions of the function.
     """
     axis, component = "XYZ".index(name[2]), "XYZ".index(name[1])
     at = result.errors[name].position_mm
@@ -96,12 +99,12 @@ def _function_at(function: Function | None, at: Vector) -> Vector:
 
 
 def parse(file: ControlFile, chain: str) -> Result:
-    """Return the result in a file, for a machine of this chain, with functions and squareness as
-    contract 4 has them.
+    """Return the result in a file for a machine with the given chain, with functions and squareness
+    in the form of contract 4.
 
     The volume follows from the three positioning functions. The squareness receives the slopes of
-    the functions, and angles count from their first position. Raises ``DataError`` with the line
-    for any other file, ``UsageError`` for a wrong chain.
+    the functions, and angles count from their first position. Raises ``DataError``, with the line,
+    for another file, ``UsageError`` for a wrong chain.
     """
     mask = abbe_mask(chain)
     values, functions = _etalon_blocks(file)
@@ -116,8 +119,8 @@ def parse(file: ControlFile, chain: str) -> Result:
     origin = np.asarray(volume.origin_mm)
     linear = np.zeros(
         (3, 3)
-        # um of displacement (row) for a mm of travel (column), levers of first angles and slopes
-        # together
+        # um of displacement (row) for a mm of travel (column), from the levers of the angles' first
+        # values and from the slopes
     )
     errors: dict[str, Function] = {}
     for axis, letter in enumerate("XYZ"):
@@ -170,8 +173,8 @@ def parse(file: ControlFile, chain: str) -> Result:
 
 
 def _function(at: Vector, value_um: Vector, *, straight: bool) -> tuple[Function, float]:
-    """Return a displacement function from zero, and the slope in um per mm that a straightness
-    function loses.
+    """Return a displacement function that begins at zero, and the slope in um per mm that was
+    removed from a straightness function.
     """
     value = value_um - value_um[0]
     slope = float(value[-1] / (at[-1] - at[0])) if straight else 0.0
@@ -187,8 +190,8 @@ def _unknown(volume: Volume, name: str) -> Function:
 
 
 def _squareness(values: Mapping[str, float], linear: Vector) -> dict[str, Quantity]:
-    """Return the squarenesses: as written, plus the contribution of the two linear displacements of
-    each pair of axes (contract 1).
+    """Return the squarenesses: the values in the file plus the contribution of the linear
+    displacements of both axes of a pair (contract 1).
     """
     pairs = {"C0Y": (0, 1, -1.0), "B0Z": (0, 2, 1.0), "A0Z": (1, 2, -1.0)}
     return {
@@ -215,7 +218,9 @@ def _volume(functions: Mapping[str, Vector], where: str) -> Volume:
 
 
 def _etalon_blocks(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
-    """Return the values and the functions of the blocks, positions rising."""
+    """Return the values and the functions in the blocks of a file; the positions of a function
+    rise.
+    """
     values: dict[str, float] = {}
     functions: dict[str, Vector] = {}
     name = ""

@@ -1,4 +1,5 @@
-"""The machine's profile as a file, its template, and the controls by name.
+"""The file of a machine's profile, the template for such files, and the controls by name.
 
-In: TOML. Out: a `Profile` and its `Controller`. Imported by safety and export.
+Input: the TOML text of a profile. Output: a `Profile` and its `Controller`. The packages safety and
+export import this package.
 """

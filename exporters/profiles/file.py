@@ -1,6 +1,7 @@
-"""From a profile file to a validated `Profile`, and the stand-in for a provisional export.
+"""The validated `Profile` from a profile file, and the assumed profile of a provisional export.
 
-The files named by the profile (the machine's own tables and punch files) are read with it.
+The files that the profile names (the machine's own tables and punch files) are read together with
+it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -51,12 +52,12 @@ def parse_profile(
     volume: Volume | None,
     files: Mapping[str, bytes] | None = None,
 ) -> Profile:
-    """Return the profile in a TOML text; ``files`` holds the bytes of the files in
-    ``machine.existing``.
+    """Return the profile in a TOML text; ``files`` contains the bytes of the files that
+    ``machine.existing`` names.
 
     If an axis gives no start or end, the table runs to this end of the measured ``volume``; without
-    a volume (a sign test before the first survey) the profile has to give both. Raises
-    ``UsageError``.
+    a volume (a sign test before the first survey) the profile must give both. Raises ``UsageError``
+    for a wrong profile.
     """
     tables = read_toml(text, source)
     _refuse_unknown_sections(tables, controller, source)
@@ -80,8 +81,8 @@ def parse_profile(
 
 
 def load_profile(path: Path, controller: Controller, volume: Volume | None) -> Profile:
-    """Return the profile file at ``path`` as `parse_profile` does; its files are looked for beside
-    it.
+    """Return the profile in the file ``path`` (`parse_profile`); files that it names are in the
+    same folder.
     """
     text = read_profile_text(path)
     machine = read_toml(text, path.name).get("machine", {})
@@ -117,11 +118,11 @@ def read_profile_text(path: Path) -> str:
 def quick_profile(
     controller: Controller, volume: Volume, step_mm: float | Sequence[float] | None = None
 ) -> Profile:
-    """Return the stand-in for a profile (contract 5): axes AX1 AX2 AX3, low to high end in steps,
-    reference at the low end.
+    """Return the assumed profile of a provisional export (contract 5): axes AX1 AX2 AX3, tables
+    from the low to the high end of the volume, reference at the low end.
 
-    ``step_mm`` is the step of all axes or one per axis, without it the steps of the volume. An axis
-    that did not travel has no table.
+    ``step_mm`` is one step for all axes, or one for each axis; None means the steps of the volume.
+    An axis that did not travel has no table.
     """
     steps_mm = np.broadcast_to(
         volume.step_mm if step_mm is None else step_mm, len(AXIS_LETTERS)
@@ -157,8 +158,8 @@ def quick_profile(
 def _refuse_unknown_sections(
     tables: dict[str, Any], controller: Controller, source: str
 ) -> None:
-    """Refuse an unknown top-level table with the nearest name; the section of another controller
-    means a profile of another controller.
+    """Raise UsageError for an unknown section of the profile, with the nearest name. The section of
+    another controller means that the profile is for another controller.
     """
     machine = tables.get("machine", {})
     named = (
@@ -184,8 +185,8 @@ def _refuse_unknown_sections(
 def _refuse_unknown_kinds(
     records: Sequence[SignTestRecord], controller: Controller, source: str
 ) -> None:
-    """Refuse a sign test of a kind of table that the control lacks: it would be evidence for
-    nothing, without notice.
+    """Raise UsageError for a sign test of a kind of table that the control does not have: such a
+    test would prove nothing without notice.
     """
     for index, record in enumerate(records):
         if record.kind not in controller.kinds:
@@ -213,8 +214,8 @@ def _ends_from(axis: AxisSection, volume: Volume | None, index: int) -> AxisSect
 def _existing(
     machine: MachineSection, files: Mapping[str, bytes], source: str
 ) -> tuple[ControlFile, ...]:
-    """Return the named files; the export of a result checks that they were active during the
-    measurement.
+    """Return the files that the profile names; the export of a result checks that these were active
+    during the measurement.
     """
     missing = [name for name in machine.existing if name not in files]
     if missing:

@@ -1,4 +1,4 @@
-"""The controllers for which stepdiag writes files, by the word of ``--controller``."""
+"""The controllers for which stepdiag writes files, by the name that ``--controller`` takes."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -33,7 +33,9 @@ CONTROLLERS: Mapping[str, Controller] = MappingProxyType(
 
 
 def controller_named(name: str) -> Controller:
-    """Return the controller called ``name``. Raises ``UsageError`` with the nearest name."""
+    """Return the controller called ``name``. Raises ``UsageError`` for an unknown name, with the
+    nearest known name.
+    """
     if name not in CONTROLLERS:
         raise UsageError(
             "--controller",

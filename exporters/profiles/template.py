@@ -75,7 +75,9 @@ reference_mm = "?"
 
 
 def profile_template(controller: Controller) -> str:
-    """Return the template for a controller; it is refused until every question is answered."""
+    """Return the profile template for a controller; a profile is refused until every question in it
+    is answered.
+    """
     common = _COMMON.format(
         title=controller.title,
         name=controller.name,
@@ -89,8 +91,9 @@ def profile_template(controller: Controller) -> str:
 
 
 def _program(control: str) -> str:
-    """Return the section about NC programs for a control that `exporters.programs` can write
-    for."""
+    """Return the section about NC programs, if `exporters.programs` can write programs for the
+    control.
+    """
     return (
         program_template(default_signals(control), default_decimals(control))
         if control in CONTROLS

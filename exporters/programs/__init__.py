@@ -1,10 +1,10 @@
-"""NC programs that drive a survey: a program per setup, in the control's own dialect.
+"""NC programs that drive a survey: one program for each setup, in the dialect of the control.
 
     Sequence --passes_of--> passes of stops --dialect--> NC program
 
 A program is a flat list of blocks: no loop, no subprogram and no calculated position, so that every
-move can be read and searched. The program states the setup and the stop to the PLC, which puts them
-into the Modbus block of contract 2.
+move can be read and searched. The program sends the numbers of setup and stop to the PLC, which
+writes them into the Modbus block of contract 2.
 """
 
 from stepdiag.exporters.programs.linuxcnc import companion_files

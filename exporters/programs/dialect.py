@@ -1,4 +1,6 @@
-"""The statements of every control's dialect, and the common translation of passes into blocks."""
+"""The statements that each control's dialect must define, and the common translation of passes into
+blocks.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -17,8 +19,9 @@ from stepdiag.exporters.programs.signals import Signals
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """One program to write: a setup of a sequence, its number for the control, and the machine's
-    signals."""
+    """The task of writing one program: a setup of a sequence, the setup's number for the control,
+    and the machine's signals.
+    """
 
     sequence: Sequence
     setup: str
@@ -27,12 +30,12 @@ class Job:
 
     @property
     def register(self) -> int:
-        """Return the number shown in the PLC's setup register."""
+        """Return the number of the setup in the PLC's setup register."""
         return setup_code(self.setup, self.sequence.setups)
 
     @property
     def base(self) -> str:
-        """Return the setup without its beam offset."""
+        """Return the name of the setup without its beam offset."""
         return setup_of(self.setup).base
 
     @property
@@ -42,8 +45,8 @@ class Job:
 
     @property
     def program_number(self) -> int:
-        """Return 8000 + the setup number, where each beam offset adds a hundred; 7000 + k for the
-        k-th setup of the plan.
+        """Return the number of the program: 8000 plus the setup number plus a hundred for each beam
+        offset, or 7000 + k for the k-th setup of the plan.
         """
         if self.register > CODED_FROM:
             return 7000 + self.register - CODED_FROM
@@ -51,24 +54,30 @@ class Job:
 
 
 class Dialect(ABC):
-    """The dialect of a control. Subclasses hold no state; ``signals`` are its defaults."""
+    """The dialect of a control. Subclasses have no state; ``signals`` are the control's default
+    signals.
+    """
 
     control: str
     title: str
     newline = "\r\n"
     decimals = 3
-    """Decimal places of a programmed position in mm: the control's usual input increment."""
+    """Number of decimal places of a programmed position in mm, by the control's usual input
+    increment.
+    """
     opening: tuple[str, ...] = ()
     closing: tuple[str, ...]
     """First and last lines of the file; ``{stem}`` is the file name without its ending."""
     numbered = False
-    """Whether every line carries its number, from 0."""
+    """Whether every line of a program begins with its number, from 0."""
     signals: Signals
     needs: tuple[str, ...]
     """Requirements of the default signals on the PLC and the control, with their source."""
 
     checked: tuple[str, ...]
-    """The program's checks before the first move, and the facts that it cannot check."""
+    """Text about the checks of a program before its first move, and about the facts that the
+    program cannot check.
+    """
 
     @abstractmethod
     def file_name(self, job: Job) -> str:
@@ -76,31 +85,32 @@ class Dialect(ABC):
 
     @abstractmethod
     def comment(self, text: str) -> str:
-        """Return a block with only a comment; ``text`` is ASCII without brackets."""
+        """Return a block that contains only a comment; ``text`` is ASCII without brackets."""
 
     @abstractmethod
     def start(self) -> list[str]:
-        """Return the safe start: known modes, no active offset or transformation, and a halt until
-        the operator agrees.
+        """Return the first blocks of a program: they set known modes, refuse an active offset or
+        transformation, and halt until the operator agrees.
         """
 
     @abstractmethod
     def ask(self, text: str) -> list[str]:
-        """Return the halt with a text for the operator, who then continues the program; ``text`` is
-        ASCII without brackets.
+        """Return the blocks of a halt with a text for the operator, who then continues the program;
+        ``text`` is ASCII without brackets.
         """
 
     @abstractmethod
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return a straight move in machine coordinates at measuring feed that ends in an exact
-        stop."""
+        """Return the block of a straight move in machine coordinates, at measuring feed, that ends
+        in an exact stop.
+        """
 
     @abstractmethod
     def dwell(self, seconds: str) -> list[str]:
-        """Return the dwell."""
+        """Return the blocks of a dwell."""
 
     def number(self, value: float) -> str:
-        """Return a decimal number as the control reads it."""
+        """Return the text of a decimal number in the form that the control reads."""
         return plain(value)
 
     def render(self, job: Job) -> str:
@@ -201,14 +211,13 @@ class Dialect(ABC):
 
 
 def plain(value: float) -> str:
-    """Return a number with at least no exponent, no trailing zeros and no negative zero."""
+    """Return the text of a number without exponent, trailing zeros and negative zero."""
     text = np.format_float_positional(value + 0.0, trim="-")
     return "0" if text == "-0" else text
 
 
 def _check_increment(job: Job) -> None:
-    """Raise ``UsageError`` where a commanded position is no multiple of the control's input
-    increment.
+    """Raise ``UsageError`` if a commanded position is no multiple of the control's input increment.
 
     A control rounds such a position, and the stop then differs from the solver's target.
     """
@@ -228,12 +237,12 @@ def _check_increment(job: Job) -> None:
 
 
 def _spoken(setup: str) -> str:
-    """Return a setup name in characters that every control's comments allow."""
+    """Return the name of a setup in characters that the comments of every control allow."""
     return setup.replace("+", " beam ").replace("-", " ")
 
 
 def _ascii(text: str) -> str:
-    """Return the part of a survey's name that a comment may hold."""
+    """Return the characters of a survey's name that a comment may contain."""
     return "".join(
         letter if letter.isascii() and (letter.isalnum() or letter in " .-_") else "_"
         for letter in text

@@ -47,26 +47,28 @@ class Fanuc(Dialect):
     )
 
     def file_name(self, job: Job) -> str:
-        """Return the O number."""
+        """Return the file name of the program, its O number."""
         return f"O{job.program_number}"
 
     def comment(self, text: str) -> str:
-        """Return the text in letters that the control reads: a colon is the letter O in ISO
-        code.
+        """Return a comment block without characters that the control reads otherwise: a colon is
+        the letter O in ISO code.
         """
         return f"({text.upper().replace(':', ' -').replace('_', '-')})"
 
     def number(self, value: float) -> str:
-        """Return the number with a decimal point: without a point it counts in input increments."""
+        """Return the text of a number with a decimal point, because a number without a point counts
+        in input increments.
+        """
         text = plain(value)
         return text if "." in text else text + "."
 
     def start(self) -> list[str]:
-        """Return known modes, a refusal of any offset, rotation, scaling and mirror image, and the
-        halt.
+        """Return the first blocks: they set known modes, refuse any offset, rotation, scaling and
+        mirror image, and halt.
 
-        ``G53`` alone holds the reading of the positions back. A shift shows in the positions, a
-        rotation only in its modal code.
+        ``G53`` alone on a block delays the reading of the positions until the axes have arrived.
+        The positions show a shift; only its modal code shows a rotation.
         """
         return [
             "G21",
@@ -88,16 +90,16 @@ class Fanuc(Dialect):
         ]
 
     def ask(self, text: str) -> list[str]:
-        """Return the halt with its text on the screen."""
+        """Return the blocks of a halt with its text on the screen."""
         return [f"M00 {self.comment(text)}"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return a move at feed in machine coordinates, by G54 set to zero: G53 moves only in
-        rapid.
+        """Return the block of a move at feed in machine coordinates, with G54 set to zero, because
+        G53 moves only in rapid.
         """
         x, y, z = position
         return f"G09 G01 X{x} Y{y} Z{z} F{feed}"
 
     def dwell(self, seconds: str) -> list[str]:
-        """Return the dwell in seconds."""
+        """Return the block of a dwell in seconds."""
         return [f"G04 X{seconds}"]

@@ -10,7 +10,8 @@ from stepdiag.exporters.programs.signals import Signals
 class _Check:
     """A value of the control (``FN 18``) that the program compares before its first move.
 
-    Numbers: HEIDENHAIN, Technical Manual TNC 426 / TNC 430, page 7-30.
+    The numbers of the values are those of HEIDENHAIN, Technical Manual TNC 426 / TNC 430, page
+    7-30.
     """
 
     place: str
@@ -18,8 +19,8 @@ class _Check:
     stopped: str
 
     def blocks(self, label: int) -> list[str]:
-        """Return the comparison; if the value differs, the program stops and compares again after
-        the start key.
+        """Return the blocks of the comparison; if the value differs, the program stops and compares
+        again after the start key.
         """
         return [
             f"LBL {label}",
@@ -46,11 +47,12 @@ _CHECKS = (
 
 
 class Heidenhain(Dialect):
-    """Conversational blocks with ``M91``: coordinates of that block count from the machine datum.
+    """The conversational dialect: with ``M91`` the coordinates of a block count from the machine
+    datum.
 
-    ``FN 19`` hands two numbers to the PLC; a counter of 0 means under way. ``FN 20: WAIT FOR SYNC``
-    delays the look-ahead until the axes have arrived. There is no default for the handshake: its
-    PLC operand depends on the builder.
+    ``FN 19`` sends two numbers (setup and stop counter) to the PLC; a counter of 0 means that the
+    machine moves. ``FN 20: WAIT FOR SYNC`` delays the look-ahead until the axes have arrived. The
+    handshake has no default text, because its PLC operand depends on the builder.
     """
 
     control = "heidenhain"
@@ -105,7 +107,7 @@ class Heidenhain(Dialect):
     )
 
     def file_name(self, job: Job) -> str:
-        """Return the name of the program."""
+        """Return the file name of the program."""
         return f"STEP_{job.word.upper()}.H"
 
     def comment(self, text: str) -> str:
@@ -113,8 +115,8 @@ class Heidenhain(Dialect):
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return the reset of datum shift, mirroring, rotation and scaling, the checks of the
-        active ones, and the halt.
+        """Return the first blocks: they reset datum shift, mirroring, rotation and scaling, check
+        that none is active, and halt.
         """
         return [
             "CYCL DEF 7.0 DATUM SHIFT",
@@ -136,14 +138,16 @@ class Heidenhain(Dialect):
         ]
 
     def ask(self, text: str) -> list[str]:
-        """Return the halt; its text is in the previous block."""
+        """Return the blocks of a halt, with its text in the block before."""
         return [self.comment(text), "STOP M5"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return a straight move from the machine datum, every coordinate with its sign."""
+        """Return the block of a straight move in coordinates from the machine datum, all with a
+        sign.
+        """
         x, y, z = (value if value.startswith("-") else f"+{value}" for value in position)
         return f"L X{x} Y{y} Z{z} R0 F{feed} M91"
 
     def dwell(self, seconds: str) -> list[str]:
-        """Return the dwell cycle, in seconds."""
+        """Return the blocks of the dwell cycle, in seconds."""
         return ["CYCL DEF 9.0 DWELL TIME", f"CYCL DEF 9.1 DWELL {seconds}"]

@@ -1,8 +1,9 @@
-"""Commissioning of the 4-DOF head by a run: jogs of the two other axes at both ends, then a
-movement of the laser by the operator's hand.
+"""Commissioning of the 4-DOF head during a run: jogs of the two axes that the run does not travel,
+at both of its ends, then a movement of the laser by the operator's hand.
 
-Every place is approached from below in both axes, so that no difference contains their backlash.
-`stepdiag.fourdof.commission` finds the places and the standstills in the log.
+The machine approaches every jog position from below in both axes, so that differences of positions
+contain no backlash. `stepdiag.fourdof.commission` finds these positions and the standstills in the
+log.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,9 @@ from stepdiag.base.names import AXES
 
 PLACES_MM = (-0.3, -0.15, 0.0, 0.15, 0.3)
 LEAD_MM = -0.4
-"""Start of the approach to every place, in mm; farther than any backlash below the lowest place."""
+"""Start of the approach to every jog position, in mm; it is below the lowest position by more than
+any backlash.
+"""
 JOG_S, WOBBLE_S, DARK_S = 2.0, 30.0, 5.0
 WOBBLE = (
     "wobble the pointing of the laser gently by hand in both directions until the axes move "
@@ -22,8 +25,8 @@ BLOCK, FREE = "block the beam and leave it blocked. start", "free the beam. star
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jog:
-    """A place that is approached without a signal to the PLC, the time of standing there, and the
-    question to the operator before it.
+    """A jog: a position that the machine approaches without a signal to the PLC, the time of
+    standing there, and a question to the operator before the move.
     """
 
     position_mm: tuple[float, float, float]
@@ -34,8 +37,8 @@ class Jog:
 def jogs_at(
     place_mm: tuple[float, float, float], axis: str, *, last: bool = False
 ) -> tuple[Jog, ...]:
-    """Return the jogs at one end of a run along ``axis`` (x, y, z), and the wobble; at the ``last``
-    end the beam is blocked, too.
+    """Return the jogs at one end of a run along ``axis`` (x, y, z), with the stop at which the
+    operator wobbles the laser; at the ``last`` end the operator also blocks the beam.
     """
     others = [index for index in range(3) if AXES[index] != axis]
 

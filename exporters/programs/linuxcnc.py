@@ -1,4 +1,6 @@
-"""LinuxCNC: RS274/NGC program, metric, with a HAL component: the control has no separate PLC."""
+"""LinuxCNC: metric RS274/NGC program, with a HAL component in place of a PLC, which this control
+does not have.
+"""
 
 import re
 from pathlib import Path
@@ -24,7 +26,7 @@ _NETS = (
 
 
 class LinuxCNC(Dialect):
-    """RS274/NGC in machine coordinates (``G53`` with each move).
+    """The RS274/NGC dialect in machine coordinates (``G53`` with each move).
 
     ``M64``, ``M65`` and ``M68`` are executed after the moves before them have ended; ``G61.1`` ends
     every move in an exact stop.
@@ -64,7 +66,7 @@ class LinuxCNC(Dialect):
     )
 
     def file_name(self, job: Job) -> str:
-        """Return the name of the program."""
+        """Return the file name of the program."""
         return f"step_{job.word}.ngc"
 
     def comment(self, text: str) -> str:
@@ -72,7 +74,7 @@ class LinuxCNC(Dialect):
         return f"({text})"
 
     def start(self) -> list[str]:
-        """Return known modes and the halt with its question on the screen."""
+        """Return the first blocks: they set known modes and halt with a question on the screen."""
         return [
             "G21 G17 G40 G49 G80 G90 G94 G61.1",
             "M5",
@@ -80,24 +82,24 @@ class LinuxCNC(Dialect):
         ]
 
     def ask(self, text: str) -> list[str]:
-        """Return the halt with its text on the screen."""
+        """Return the blocks of a halt with its text on the screen."""
         return [f"(MSG, {text})", "M0"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return a move without any offset."""
+        """Return the block of a move without any offset."""
         x, y, z = position
         return f"G53 G1 X{x} Y{y} Z{z} F{feed}"
 
     def dwell(self, seconds: str) -> list[str]:
-        """Return the dwell in seconds."""
+        """Return the block of a dwell in seconds."""
         return [f"G4 P{seconds}"]
 
 
 def companion_files(
     control: str, host: str = "127.0.0.1", port: int = 1502
 ) -> tuple[ControlFile, ...]:
-    """Return the files that LinuxCNC runs to serve the register block at ``host`` and ``port``;
-    none for a control with a PLC.
+    """Return the files with which LinuxCNC serves the register block at ``host`` and ``port``; none
+    for a control with a PLC.
 
     Raises ``UsageError`` for an address that a HAL file could misread.
     """

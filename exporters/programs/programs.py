@@ -1,4 +1,4 @@
-"""The programs of a survey for a control: the interface for the command line."""
+"""The NC programs of a survey for a control: the functions that the command line uses."""
 
 import math
 from collections.abc import Mapping
@@ -27,8 +27,8 @@ CONTROLS = tuple(_DIALECTS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Program:
-    """An NC program: its file name, the setup it drives and the exact bytes of the file (ASCII, the
-    control's line ends).
+    """An NC program: its file name, the setup that it drives, and the bytes of the file (ASCII with
+    the control's line ends).
     """
 
     name: str
@@ -44,13 +44,14 @@ def nc_programs(
     decimals: int | None = None,
     travel_mm: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[Program, ...]:
-    """Return a program per setup of the sequence, in its order.
+    """Return one program for each setup of the sequence, in the order of the setups.
 
     ``signals`` are the texts of this machine (None: the control's defaults), ``decimals`` the
-    decimal places of its input increment in mm. Raises ``UsageError`` for an unknown control, a
-    sequence that cannot be driven, a position that the control would round, and a handshake without
-    a text that waits for it; ``SafetyError`` (code ``beyond-travel.program``) for a program that
-    would leave ``travel_mm``, the software limits by axis (x, y, z), approaches included.
+    decimal places of the control's input increment in mm. Raises ``UsageError`` for an unknown
+    control, a sequence that cannot be driven, a position that the control would round, and a
+    handshake without a text that waits for the PLC; ``SafetyError`` (code
+    ``beyond-travel.program``) for a program that would leave ``travel_mm``, the software limits by
+    axis (x, y, z), at a stop or an approach.
     """
     check(sequence)
     _keep_within(sequence, travel_mm or {})
@@ -100,8 +101,8 @@ def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]
 
 
 def default_signals(control: str) -> Signals:
-    """Return the control's own means of signalling to the PLC. Raises ``UsageError`` for an unknown
-    control.
+    """Return the default texts by which a program of the control sends signals to the PLC. Raises
+    ``UsageError`` for an unknown control.
     """
     return _dialect(control).signals
 
@@ -112,8 +113,8 @@ def default_decimals(control: str) -> int:
 
 
 def program_name(sequence: Sequence, control: str, setup: str) -> str:
-    """Return the file name of a setup's program, by which the operator starts it (``O8002`` for npp
-    on Fanuc).
+    """Return the file name of a setup's program, under which the operator starts the program
+    (``O8002`` for npp on Fanuc).
     """
     dialect = _dialect(control)
     return dialect.file_name(

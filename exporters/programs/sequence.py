@@ -1,4 +1,6 @@
-"""The path of a survey: the ordered stops of every pass, and the beginning of its approach."""
+"""The path of a survey: the stops of every pass in order, and the point from which a pass
+approaches its first stop.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -14,8 +16,8 @@ from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.programs.jogs import Jog, jogs_at
 
 LARGEST_COUNT = 32767
-"""The stop counter stays within a signed 16-bit word: some controls pass no larger number to their
-PLC.
+"""Largest stop counter: some controls send no number larger than a signed 16-bit word to
+the PLC.
 """
 
 
@@ -23,12 +25,12 @@ PLC.
 class Sequence:
     """The commanded part of a survey, in machine coordinates.
 
-    A program runs each of the ``setups``. A body diagonal measured again through a shifted beam is
-    called ``ppp+1``: it drives the same stops and shows the PLC the same setup number, and only the
-    laser's place differs. ``beam_offset_mm`` by setup, ``axis_orders``, ``alternate`` and
-    ``targets`` are those of `stepdiag.base.readings.runs.Run`. ``overrun_mm`` is the distance
-    outside its first stop at which a pass begins, so that every moving axis has taken up its
-    backlash; with 0 there is no approach.
+    Each of the ``setups`` has a program. A body diagonal measured again with a shifted beam is
+    called ``ppp+1``: its program drives the same stops and sends the same setup number to the PLC;
+    only the laser stands elsewhere. ``beam_offset_mm`` by setup, ``axis_orders``, ``alternate`` and
+    ``targets`` are those of `stepdiag.base.readings.runs.Run`. A pass begins at the distance
+    ``overrun_mm`` outside its first stop, so that every moving axis has taken up its backlash; with
+    0 it has no approach.
     """
 
     name: str
@@ -46,7 +48,7 @@ class Sequence:
     targets: int = 0
     beam_offset_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     commission: bool = False
-    """Whether the first pass of a run of the 4-DOF head also commissions it (`jogs_at`)."""
+    """Whether the first pass of a run of the 4-DOF head also commissions the head (`jogs_at`)."""
 
     @property
     def plan(self) -> Plan:
@@ -71,7 +73,7 @@ class Stop:
     """A commanded stop. ``axis`` is the axis that moves to the stop (x, y, z), empty for the first
     stop of a pass.
 
-    ``count`` is the stop counter shown to the PLC, numbering the stops of the whole survey from 1.
+    ``count`` is the number that the PLC receives: it numbers the stops of the whole survey from 1.
     """
 
     stop: int
@@ -82,17 +84,17 @@ class Stop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pass:
-    """One way along the setup's line: odd numbers outward, even numbers back (contract 4).
+    """One pass of a setup: odd numbers lead outward, even numbers back (contract 4).
 
-    ``approach_mm`` is the point outside the first stop from which it is approached, None without
-    overrun.
+    ``approach_mm`` is the point outside the first stop from which the machine approaches this stop,
+    None without overrun.
     """
 
     number: int
     approach_mm: tuple[float, float, float] | None
     stops: tuple[Stop, ...]
     jogs: Mapping[int, tuple[Jog, ...]] = field(default_factory=dict)
-    """The jogs driven before the move to a stop."""
+    """The jogs before the move to a stop, by the number of the stop."""
 
     @property
     def outward(self) -> bool:
@@ -106,9 +108,9 @@ def line_stops_mm(sequence: Sequence, setup: str, number: int = 1) -> Vector:
 
 
 def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
-    """Return the passes of one setup in the order driven.
+    """Return the passes of one setup in the order of driving.
 
-    The counter continues from setup to setup in the order of ``sequence.setups``.
+    The stop counter continues from setup to setup in the order of ``sequence.setups``.
     """
     check(sequence)
     count = 1 + sum(
@@ -126,8 +128,9 @@ def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
 
 
 def travel_mm(sequence: Sequence, setup: str) -> Vector:
-    """Return the lowest and highest commanded position of each axis, approaches included, shape (2,
-    3)."""
+    """Return the lowest and the highest commanded position of each axis at stops and approaches,
+    shape (2, 3).
+    """
     points = [
         point
         for each in passes_of(sequence, setup)
@@ -217,8 +220,8 @@ def _pass(sequence: Sequence, number: int, stops: Vector, count: int) -> Pass:
 
 
 def _jogs(stops: Vector, axis: str) -> dict[int, tuple[Jog, ...]]:
-    """Return the jogs by the stop of the move after them: jogs at the near end after its own stop,
-    jogs at the far end before it.
+    """Return the jogs by the number of the stop to which the machine then moves: jogs at the near
+    end follow the first stop, jogs at the far end precede the last stop.
     """
     near, far = jogs_at(_triple(stops[0]), axis), jogs_at(_triple(stops[-1]), axis, last=True)
     return {1: (*near, *far)} if len(stops) == 2 else {1: near, len(stops) - 1: far}

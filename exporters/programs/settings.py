@@ -1,8 +1,8 @@
-"""``[program]`` of a controller profile: the needs of one machine's NC programs that differ from
-the control's usual means.
+"""The section ``[program]`` of a controller profile: settings of NC programs in which one machine
+differs from the control's defaults.
 
-``stepdiag program`` reads only this section: the questions about tables in the same profile may
-still be open.
+``stepdiag program`` reads only this section: the same profile may still contain unanswered
+questions about tables.
 """
 
 import json
@@ -30,8 +30,9 @@ TEMPLATE = """\
 
 
 class ProgramSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``decimals`` of a programmed position, and the texts of `Signals`; None: the control's
-    default."""
+    """The decimal places of a programmed position, and the texts of `Signals`; None means the
+    control's default.
+    """
 
     decimals: Annotated[int, msgspec.Meta(ge=0, le=6)] | None = None
     begin: str | None = None
@@ -41,7 +42,9 @@ class ProgramSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
     end: str | None = None
 
     def signals(self, defaults: Signals) -> Signals:
-        """Return the texts of the machine, or the control's ``defaults`` where it states none."""
+        """Return the texts of the machine, with the control's ``defaults`` for texts that the
+        section does not state.
+        """
         own = {
             name: getattr(self, name) for name in _TEXTS if getattr(self, name) is not None
         }
@@ -53,7 +56,8 @@ class _Travel(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=T
 
 
 def program_section(text: str, source: str, control: str) -> ProgramSection:
-    """Return the section in the TOML text of a profile, all defaults where there is none.
+    """Return the section ``[program]`` in the TOML text of a profile; a missing section means the
+    defaults.
 
     Raises ``UsageError`` for a wrong field, and for a profile of another control.
     """
@@ -93,6 +97,6 @@ def travel_in(text: str, source: str) -> dict[str, tuple[float, float]]:
 
 
 def program_template(defaults: Signals, decimals: int) -> str:
-    """Return the section as commented TOML that shows the control's defaults."""
+    """Return the section ``[program]`` as commented TOML that shows the control's defaults."""
     lines = [f"# {name} = {json.dumps(getattr(defaults, name))}" for name in _TEXTS]
     return TEMPLATE.format(decimals=decimals) + "\n".join(lines) + "\n"

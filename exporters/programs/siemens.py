@@ -9,7 +9,7 @@ class Siemens(Dialect):
 
     The data words ``$A_DBW[n]`` are in the area shared with the PLC (DB4900 on 828D: function
     manual 6FC5397-0BP40-2BA0, 14.5.1.5) and are written while blocks are prepared; ``STOPRE``
-    delays that until the axes have arrived.
+    delays the writing until the axes have arrived.
     """
 
     control = "siemens"
@@ -58,7 +58,7 @@ class Siemens(Dialect):
     )
 
     def file_name(self, job: Job) -> str:
-        """Return the name of the main program."""
+        """Return the file name of the main program."""
         return f"STEP_{job.word.upper()}.MPF"
 
     def comment(self, text: str) -> str:
@@ -66,10 +66,10 @@ class Siemens(Dialect):
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return known modes, no tool offset, no transformation, and the halt with its question on
-        the screen.
+        """Return the first blocks: they set known modes without tool offset and transformation, and
+        halt with a question on the screen.
 
-        The program returns to its check after every start: it goes on only if the positions agree.
+        After every start the program checks again, and it continues only if the positions agree.
         """
         return [
             "G71 G90 G94 G17 G40 G60 G601",
@@ -87,14 +87,14 @@ class Siemens(Dialect):
         ]
 
     def ask(self, text: str) -> list[str]:
-        """Return the halt with its text on the screen."""
+        """Return the blocks of a halt with its text on the screen."""
         return [f'MSG("{text[0].upper()}{text[1:]}")', "M0", "MSG()"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return a move without any offset."""
+        """Return the block of a move without any offset."""
         x, y, z = position
         return f"G1 SUPA X{x} Y{y} Z{z} F{feed}"
 
     def dwell(self, seconds: str) -> list[str]:
-        """Return the dwell in seconds."""
+        """Return the block of a dwell in seconds."""
         return [f"G4 F{seconds}"]

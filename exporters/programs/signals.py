@@ -1,8 +1,8 @@
-"""A program's signals to the PLC about its place: texts in the control's language, chosen for the
-machine.
+"""The signals of a program to the PLC about setup, stop and standstill: texts in the control's
+language, chosen for the machine.
 
 Only the machine's builder can name a free output, data word or M function. The defaults are the
-plainest means of each control; a machine that needs others states them as texts with placeholders.
+plainest means of each control; a machine that needs other signals states texts with placeholders.
 """
 
 import string
@@ -23,14 +23,14 @@ PLACEHOLDERS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signals:
-    """The blocks with signals to the PLC; several blocks are on several lines, an empty text sends
-    nothing.
+    """The texts of the blocks that send signals to the PLC: each block is a line, and an empty text
+    sends nothing.
 
-    ``begin``: the program has started, the setup number is known; ``stopped`` is off, whatever
-    state an aborted program left. ``stand``: in position and dwelling, so ``stopped`` is on and the
-    counter is new. ``leave``: ``stopped`` off before the next move. ``wait``: only with the
-    handshake, hold until the PLC shows ``captured`` equal to the counter. ``end``: setup number 0.
-    Placeholders ``{setup}`` and ``{count}`` are whole numbers.
+    ``begin`` sends the setup number at the start and sets ``stopped`` off, because an aborted
+    program may have left it on. ``stand`` sends the new counter and sets ``stopped`` on when the
+    machine dwells in position. ``leave`` sets ``stopped`` off before the next move. ``wait``, used
+    only with the handshake, waits until the PLC shows ``captured`` equal to the counter. ``end``
+    sends setup number 0. Placeholders ``{setup}`` and ``{count}`` are whole numbers.
     """
 
     begin: str
@@ -56,7 +56,7 @@ class Signals:
                     )
 
     def blocks(self, which: str, *, setup: int, count: int = 0) -> list[str]:
-        """Return the blocks of one field with the numbers filled in."""
+        """Return the blocks of one field, with the numbers in place of the placeholders."""
         text: str = getattr(self, which)
         return text.format(setup=setup, count=count).splitlines()
 
@@ -72,7 +72,7 @@ def _placeholders(where: str, text: str) -> list[str]:
     except ValueError as error:
         raise UsageError(where, expected=expected, found=f"{text!r}: {error}") from error
     for name, spec, conversion in found:
-        if spec or conversion:  # a width of millions of digits is a width too
+        if spec or conversion:  # a format may ask for a width of millions of digits
             raise UsageError(
                 where,
                 expected=expected,
@@ -83,8 +83,8 @@ def _placeholders(where: str, text: str) -> list[str]:
 
 
 def _refuse_unprintable(where: str, text: str) -> None:
-    """Refuse characters that an NC program cannot hold, and texts at every stop that would make the
-    program endless.
+    """Raise UsageError for characters that an NC program cannot contain, and for texts so long that
+    the program would become too large.
     """
     if len(text) > LONGEST_TEXT or any(
         letter != "\n" and not (letter.isascii() and letter.isprintable()) for letter in text

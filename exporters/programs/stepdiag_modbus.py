@@ -4,12 +4,12 @@ over Modbus TCP.
 
     loadusr -Wn stepdiag /usr/bin/python3 ./stepdiag_modbus.py --host 192.168.1.20 --port 1502
 
-stepdiag.hal beside this file holds this line and connects the pins; `stepdiag program --controller
-linuxcnc` writes both. The component shows the program's state (setup, stop counter, stopped),
-whether the control stands in position, and the commanded positions of the axes. Function codes 3
-and 4 read registers 0 to 13, function codes 6 and 16 write register 100, ``captured``: no other
-register can be written, and no input of the control can be set except the one for which the program
-waits. The component needs only the control's own Python (3.7 or newer).
+stepdiag.hal beside this file contains this line and connects the pins; `stepdiag program
+--controller linuxcnc` writes both. The component shows the program's state (setup, stop counter,
+stopped), whether the control stands in position, and the commanded positions of the axes. Function
+codes 3 and 4 read registers 0 to 13, function codes 6 and 16 write register 100, ``captured``: no
+other register can be written, and no input of the control can be set except the one for which the
+program waits. The component needs only the control's own Python (3.7 or newer).
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ MOST_CLIENTS = 8
 LONGEST_FRAME = 260
 AXES = "xyz"
 USUAL = {"material-c": 20.0, "air-c": 20.0, "pressure-hpa": 1013.25, "humidity-percent": 50.0}
-"""Values of air and material that are sent until a sensor is connected to these pins; `stepdiag
-check` shows them.
+"""Values of air and material that the component sends until sensors are connected to its pins;
+`stepdiag check` shows these values.
 """
 
 
@@ -79,7 +79,7 @@ class Block:
         ]
 
     def take_captured(self, count: int) -> None:
-        """Show the program which stop has been captured."""
+        """Set the pin from which the program reads the number of the captured stop."""
         self._pins["captured"] = float(count)
 
     def _look(self) -> None:
@@ -98,7 +98,7 @@ class Block:
 
 
 def answer(request: bytes, block: Block) -> bytes:
-    """Return the reply to one Modbus request, both without their MBAP head."""
+    """Return the reply to one Modbus request; request and reply have no MBAP header."""
     function = request[0]
     if function in (3, 4) and len(request) == 5:
         first, count = struct.unpack(">HH", request[1:])
@@ -117,7 +117,9 @@ def answer(request: bytes, block: Block) -> bytes:
 
 
 def written(function: int, reply: bytes, address: bytes, value: bytes, block: Block) -> bytes:
-    """Store ``captured``; refuse every other register."""
+    """Store a value written to ``captured``, and return the reply: an error for any other
+    register.
+    """
     if struct.unpack(">H", address) != (CAPTURED,):
         return bytes([function | 0x80, ILLEGAL_ADDRESS])
     block.take_captured(struct.unpack(">H", value)[0])
@@ -125,7 +127,7 @@ def written(function: int, reply: bytes, address: bytes, value: bytes, block: Bl
 
 
 class Client:
-    """One connection: complete requests from the received pieces."""
+    """A connection, which joins received pieces into complete requests."""
 
     def __init__(self, link: socket.socket) -> None:
         self.link, self._received = link, b""
@@ -202,7 +204,7 @@ def inches() -> bool:
 
 
 def main() -> None:
-    """Offer the pins and serve the block."""
+    """Create the pins and serve the register block."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

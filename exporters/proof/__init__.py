@@ -1,5 +1,6 @@
-"""The proof run after loading: a diagonal and a line, judged table by table.
+"""The proof run after loading: a diagonal and a line, from which each table is judged.
 
-In: readings of the survey and of the proof run, the active tables. Out: a verdict per table, and
-keep or restore. Imported by `stepdiag` alone.
+Input: the readings of the survey and of the proof run, the active tables. Output: a verdict on each
+table, and the decision to keep the tables or restore the control. Only `stepdiag` imports this
+package.
 """

@@ -1,5 +1,5 @@
-"""The change by loading along the setups of a proof run: measured from readings, and predicted from
-the active tables.
+"""The change of the machine by the loaded tables along the setups of a proof run: the measured
+change from readings, and the predicted change from the active tables.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,15 +16,20 @@ from stepdiag.exporters.safety.verdicts.regression import Measured, measured
 from stepdiag.exporters.tables.tables import Table, correction_um
 
 SAME_MM = 1.0
-"""Two stops of a pass are farther apart; commanded and actual position of a stop are nearer."""
+"""Distance in mm above which two positions belong to different stops of a pass: commanded and
+actual position of a stop are nearer.
+"""
 SCALE_UM_M = 5.0
-"""Standard uncertainty of a length between survey and proof run: half a degree of the material."""
+"""Standard uncertainty in um/m of the change of a length between survey and proof run: half a
+degree in the temperature of the material.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """One way along a setup: stops (N, 3) in the order of travel, and the unit vector along which
-    the reading grows (3,)."""
+    """A setup in one direction of travel: stops (N, 3) in the order of travel, and the unit vector
+    (3,) along which the reading grows.
+    """
 
     setup: str
     stops_mm: Vector
@@ -33,13 +38,13 @@ class Way:
 
     @property
     def signs(self) -> Vector:
-        """Return the direction of each axis' travel, 0 for a standing axis, shape (3,)."""
+        """Return the sign of each axis' travel, 0 for a standing axis, shape (3,)."""
         signs: Vector = np.sign(np.round(self.along, 6)) * (1 if self.outward else -1)
         return signs
 
     def seen_um(self, table: Table) -> Vector:
-        """Return the effect of a table that the laser sees at the stops, by the control's law, in
-        um.
+        """Return the effect of a table on the laser's reading at the stops, by the control's law,
+        in um.
         """
         moving, output = (
             AXES.index(axis.lower()) for axis in (table.input_axis, table.output_axis)
@@ -57,10 +62,10 @@ class Way:
 
 
 def ways_of(readings: Readings, setups: Sequence[str]) -> Iterator[tuple[Way, Vector]]:
-    """Yield each way of each of some setups with the mean deviation of its passes there, in um: the
-    reading minus the position along the beam.
+    """Yield each direction of travel of some setups, with the mean deviation of its passes at the
+    stops in um: the reading minus the position along the beam.
 
-    If passes move the axes in other orders than the first pass, only the first pass is used.
+    If later passes move the axes in another order than the first pass, only the first pass is used.
     """
     passes = readings.passes()
     for setup in setups:
@@ -100,8 +105,8 @@ def ways_of(readings: Readings, setups: Sequence[str]) -> Iterator[tuple[Way, Ve
 
 
 def changes(before: Readings, after: Readings) -> tuple[list[Way], Vector]:
-    """Return the common ways of survey and proof run, and the change from survey to proof run at
-    all their stops in turn, in um.
+    """Return the setups and directions that survey and proof run have in common, and the change of
+    the readings from survey to proof run, one after the other at all their stops, in um.
     """
     ways, parts = [], [np.zeros(0)]
     setups = list(dict.fromkeys(after.setup))
@@ -121,8 +126,8 @@ def _same(one: Vector, other: Vector) -> bool:
 
 
 def columns(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, Vector]:
-    """Return the effect of each function's tables as the laser sees it, at all stops in turn, in
-    um; tables of a function act together.
+    """Return the effect of each function's tables together on the laser's reading, one after the
+    other at all stops, in um.
     """
     seen: dict[str, Vector] = {}
     for table in tables:
@@ -132,7 +137,7 @@ def columns(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, Vector]:
 
 
 def exchanged(table: Table, one: str, other: str) -> Table:
-    """Return a table as it would act with two axes exchanged."""
+    """Return a table that acts as the given table does if two axes are exchanged."""
     names = {one: other, other: one}
     lever = (
         None
@@ -146,11 +151,12 @@ def exchanged(table: Table, one: str, other: str) -> Table:
 
 
 def regressed(ways: Sequence[Way], change_um: Vector, seen: Mapping[str, Vector]) -> Measured:
-    """Return the regression of a change on the seen effect of each function.
+    """Return the regression of a change of the readings on the effects of each function's tables.
 
-    The regression also estimates an origin per way, for each diagonal the two leans of its newly
-    set up mirror, and a scale within `SCALE_UM_M`. The scatter has two parts of the same size: that
-    of each reading, and that of each arrival of an axis, which stays until its next move.
+    The regression also estimates an origin for each setup and direction, two tilts of the newly set
+    up mirror for each diagonal, and a scale within `SCALE_UM_M`. The scatter has two parts of equal
+    size: one of each reading, and one of each arrival of an axis, which stays until the next move
+    of the axis.
     """
     count = len(change_um)
     begins = np.cumsum([0, *(len(way.stops_mm) for way in ways)])
@@ -182,9 +188,9 @@ def regressed(ways: Sequence[Way], change_um: Vector, seen: Mapping[str, Vector]
 
 
 def unit_u(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, float]:
-    """Return the u (k = 1) of the factor of each function's tables along some ways, as known before
-    a drive, for readings that scatter by 1 um. A function whose tables have no seen effect is left
-    out.
+    """Return the standard uncertainty of the factor of each function's tables, from a drive along
+    the given setups with readings that scatter by 1 um. A function whose tables do not change the
+    readings is left out.
     """
     seen = columns(tables, ways)
     if not seen:

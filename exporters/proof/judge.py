@@ -1,25 +1,24 @@
-"""Theory of operation: the test whether each table in the control is the exported table. Ten
-minutes of readings answer.
+"""Test whether each table in the control acts as the exported table, by readings of ten minutes.
 
-    change = sum over functions of factor * effect of the function's tables seen by the laser +
-    origin, leans and scale of the new set-up
+    change = sum over functions of factor * effect of the function's tables on the readings +
+    origin, mirror tilts and scale of the new set-up
 
-The factor is 1 for a table that acts as exported, -1 for a turned sign, 0 for an inactive table, a
-half or 2 for a wrong weight or a double loading; if two axes were exchanged, the tables of both act
-along the wrong axis. One fault has one cause, so a fault explains one function, all functions of a
-kind of table, or all functions. Explanations are added one at a time, as long as each makes the
-readings `NAMED` times as likely as before.
+The factor is 1 for a table that acts as exported, -1 for a table with the opposite sign, 0 for an
+inactive table, a half or 2 for a wrong weight or a double loading; if two axes were exchanged, the
+tables of both axes act along the wrong axis. One fault has one cause, so a fault explains one
+function, all functions of a kind of table, or all functions. Faults are added to the explanation
+one at a time, as long as each makes the readings `NAMED` times as likely as before.
 
 Any other factor means a table in another size. Such a table is reported if its size differs by more
 than `verdicts.regression` tolerates, and if this size is `SURE` times as likely as the nearest
-state, for the states of the other tables as well as for any size of them. If only the first
-condition holds, the table is undecided.
+state, whether the other tables have their states or any size. If only the first condition is true,
+the table is undecided.
 
 A table is decided if every other state of this table alone, and of all tables of its kind, makes
-the readings `SURE` times less likely. The report shows its factor with U: estimated with the states
-of all other tables if the table has a state, else with any size of them. The tables are kept if
-every table is decided to be right, or its effect is too small to matter: then the remaining states
-differ by no more than U of the survey's own readings.
+the readings `SURE` times less likely. The report shows the factor of the table with U. If the table
+has a state, the factor is estimated with the states of all other tables, else with any size of the
+other tables. The tables are kept if each table is right, or is undecided but too small to matter:
+its possible states then differ by no more than U by the survey's own readings.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -54,16 +53,17 @@ STATES: tuple[tuple[Code, float], ...] = (
     ("scaled", 2.0),
 )
 SURE, NAMED = 20.0, 400.0
-"""Odds for one state of a table against another; and odds for a fault, of which more than fifty are
-tried, against no fault.
+"""Least odds for one state of a table against another state; and least odds for a fault against no
+fault (higher, because more than fifty faults are tried).
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proved:
-    """The verdict on the tables of one function: The ``factor`` with its standard uncertainty
-    ``u``, and ``seen_um``, the rms of the effect that the laser should see. The ``code`` is None
-    where the run does not decide; ``harmless`` then states whether the open question has no effect.
+    """The verdict on the tables of one function: the ``factor`` with its standard uncertainty
+    ``u``, and ``seen_um``, the rms of the expected effect on the readings. ``code`` is None if the
+    run does not decide the state; ``harmless`` is then true if the possible states differ by no
+    more than U of the survey.
     """
 
     function: str
@@ -76,7 +76,7 @@ class Proved:
 
     @property
     def state(self) -> Literal["right", "wrong", "undecided"]:
-        """Return the consequence of the code."""
+        """Return whether the tables of the function are right, wrong or undecided."""
         if self.code is None:
             return "right" if self.harmless else "undecided"
         return "right" if self.code == "right" else "wrong"
@@ -84,9 +84,10 @@ class Proved:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proof:
-    """The verdicts, and the consequence: keep the tables, restore the control, or continue the
-    drive; ``further`` are the setups of the survey that show the undecided tables best. Repeating
-    the run shows no more, because the leans of its set-up stay unknown.
+    """The verdicts of a proof run, and the consequence: keep the tables, restore the control, or
+    continue driving. ``further`` are the setups of the survey that show the undecided tables best;
+    a repetition of the proof run would not help, because the mirror tilts of its set-up stay
+    unknown.
     """
 
     tables: tuple[Proved, ...]
@@ -95,7 +96,7 @@ class Proof:
 
     @property
     def action(self) -> Literal["keep", "restore", "undecided"]:
-        """Return the consequence of the states of the tables."""
+        """Return the consequence of the verdicts on all tables."""
         states = {each.state for each in self.tables}
         if "wrong" in states:
             return "restore"
@@ -104,8 +105,8 @@ class Proof:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Explained:
-    """An explanation of the readings: the state of each function, and the laser's view of all
-    together.
+    """An explanation of the readings: the state of each function's tables, and the predicted effect
+    of all tables on the readings.
     """
 
     states: Mapping[str, tuple[Code, float]]
@@ -113,7 +114,7 @@ class _Explained:
 
 
 class _Case:
-    """The tables of a proof run and its readings."""
+    """The tables and the readings of a proof run."""
 
     def __init__(
         self,
@@ -133,8 +134,8 @@ class _Case:
             )
         old = columns(replaced, self.ways)
         self.seen = columns(self.tables, self.ways)
-        # the effect of the tables that acted during the survey is missing in the new readings, or
-        # is part of the new tables
+        # the new readings lack the effect of the tables that acted during the survey, or the new
+        # tables include it
         self.change_um = self.change_um + sum(old.values(), self.nothing)
         if not self.seen:
             raise DataError(
@@ -157,8 +158,8 @@ class _Case:
         return self.fit.misfit(explained.predicted_um)
 
     def parts(self, explained: _Explained, names: Sequence[str]) -> tuple[Vector, Vector]:
-        """Return the effect that the laser sees of some tables as exported, and of all other tables
-        as explained.
+        """Return the effect on the readings of some tables as exported, and of all other tables as
+        explained.
         """
         together = sum((self.seen[name] for name in names), self.nothing)
         own = sum(
@@ -167,8 +168,8 @@ class _Case:
         return together, explained.predicted_um - own
 
     def shown(self, best: _Explained, name: str) -> tuple[float, float]:
-        """Return the factor of a function's tables, with its u, estimated as its state is decided:
-        alone, or together with all tables in this state.
+        """Return the factor of a function's tables and its standard uncertainty, estimated for
+        these tables alone or together with all tables in the same state.
         """
         state = best.states[name]
         alike = [each for each, one in best.states.items() if one == state]
@@ -187,8 +188,8 @@ class _Case:
         )
 
     def others(self, than: _Explained) -> Iterator[_Explained]:
-        """Yield explanations with one further cause: another factor of a group, or two exchanged
-        axes.
+        """Yield explanations with one further cause: another factor for a group of tables, or two
+        exchanged axes.
         """
         for group in self.groups:
             for state in STATES:
@@ -211,8 +212,8 @@ class _Case:
                 yield self._exchanged(than, some, *pair)
 
     def sized(self, than: _Explained) -> Iterator[_Explained]:
-        """Yield explanations with the best factor of a group, if its present state has another
-        factor.
+        """Yield explanations with the best factor for a group of tables, if this factor means
+        another state than the present one.
         """
         for group in self.groups:
             if all(than.states[name][0] != "axes-swapped" for name in group):
@@ -252,12 +253,12 @@ def prove(
     acting: Sequence[Table],
     replaced: Sequence[Table] = (),
 ) -> Proof:
-    """Return the result of a proof run: The ``before`` are the readings of the survey with this
+    """Return the verdicts of a proof run: ``before`` are the readings of the survey with this
     ``result``, ``after`` the readings of the proof run.
 
     The tables in ``acting`` should be active in the proof run, ``replaced`` were active in the
-    survey. Raises ``DataError`` if survey and proof run share no stops, or see no effect of any
-    table.
+    survey. Raises ``DataError`` if survey and proof run share no stops, or if no table changes the
+    readings.
     """
     case = _Case(before, after, acting, replaced)
     best = case.right()
@@ -266,7 +267,7 @@ def prove(
         sized = min(case.sized(best), key=case.misfit, default=found)
         if case.misfit(found) - case.misfit(sized) > 2.0 * np.log(
             SURE
-        ):  # a factor of its own always explains more than a state does
+        ):  # a free factor always explains more than a state does
             found = sized
         if case.misfit(best) - case.misfit(found) < 2.0 * np.log(NAMED):
             break
@@ -286,8 +287,8 @@ def prove(
 def _further(
     case: _Case, before: Readings, after: Readings, proved: Sequence[Proved]
 ) -> tuple[str, ...]:
-    """Return the setups, not driven again yet, that give the undecided tables the smallest u, as
-    few as show everything that the survey shows of these tables.
+    """Return the setups outside the proof run that give the undecided tables the smallest u: as few
+    setups as are needed for every undecided table that the survey can show.
     """
     missing = {each.function for each in proved if each.state == "undecided"}
     ways = {
@@ -325,7 +326,8 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
         np.inf if state == "axes-swapped" else abs(share - 1.0) for state, share in states
     )
     shown, u = case.shown(best, name)
-    # a size that no cause explains is that of the tables only where no size of the others makes it
+    # a size without a known cause is that of these tables only if no sizes of the other tables
+    # explain it
     unsized = (code, factor) not in STATES and code == "scaled" and _code(shown, u) != code
     return Proved(
         function=name,
@@ -339,8 +341,8 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
 
 
 def _unseen(case: _Case, name: str, result: Result) -> Proved:
-    """Return the verdict on tables of which the driven setups see no effect: every state is
-    possible.
+    """Return the verdict on tables that do not change the readings of the driven setups: every
+    state is possible.
     """
     return Proved(
         function=name,
@@ -354,14 +356,14 @@ def _unseen(case: _Case, name: str, result: Result) -> Proved:
 
 
 def _size_um(case: _Case, name: str) -> float:
-    """Return the size of the tables of a function, rms about their means."""
+    """Return the size of the tables of a function in um: the rms about their means."""
     values = [table.absolute_um for table in case.tables if table.name == name]
     return rms(np.concatenate([each - np.mean(each) for each in values]))
 
 
 def _code(factor: float, u: float) -> Code:
-    """Return the state of a factor if its size is tolerated, or if no other size is `SURE` times as
-    likely; else the state "scaled".
+    """Return the state (right, opposite sign, missing) whose factor is nearest, if the difference
+    is tolerated or the factor is not `SURE` times as likely; else "scaled".
     """
     code, exact = min(STATES[:3], key=lambda state: abs(state[1] - factor))
     within = max(SIZED, float(np.sqrt(2.0 * np.log(SURE))) * u)
@@ -369,8 +371,8 @@ def _code(factor: float, u: float) -> Code:
 
 
 def _unknown_um(result: Result, function: str) -> float:
-    """Return U of a function (for a product, of its first function) from the readings alone, rms
-    over its positions; 0 for an unknown function.
+    """Return U of a function (of a product: of its first function) by the readings, as rms over the
+    positions in um; 0 for an unknown function.
     """
     found = result.errors.get(function[:3])
     if found is None:

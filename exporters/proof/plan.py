@@ -1,5 +1,5 @@
-"""The proof run before its drive: its diagonal and line, number of passes, and its view of each
-table.
+"""The plan of a proof run: its diagonal and its line, the number of passes, and the expected effect
+of each table on the readings.
 """
 
 from collections.abc import Sequence
@@ -20,12 +20,14 @@ from stepdiag.exporters.tables.tables import Table
 
 LINES = ("linear-x", "linear-y", "linear-z")
 USUAL_UM = 0.5
-"""Scatter of a reading where the result states none."""
+"""Assumed scatter of a reading in um, if the result states none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Foreseen:
-    """The laser's view of the tables of a function (rms over the stops, um), and its U (k = 2)."""
+    """The expected effect of a function's tables on the readings (rms over the stops, um), and its
+    U (k = 2).
+    """
 
     function: str
     seen_um: float
@@ -34,8 +36,8 @@ class Foreseen:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProofPlan:
-    """The setups with their repeats, the minutes of driving, and the expected view of each
-    table.
+    """The setups of a proof run with the number of repeats, the minutes of driving, and the
+    expected effect of each table on the readings.
     """
 
     setups: tuple[str, ...]
@@ -47,11 +49,11 @@ class ProofPlan:
 def plan_proof(
     result: Result, readings: Readings, driven: Plan, acting: Sequence[Table], minutes: float
 ) -> ProofPlan:
-    """Return the diagonal and the line of a survey with the best view of the least visible table,
-    repeated within ``minutes`` of driving, once at least.
+    """Return the plan with the diagonal and the line of a survey that show best the table that is
+    hardest to see; the run is repeated within ``minutes`` of driving, and driven at least once.
 
-    Raises ``DataError`` for a survey without a diagonal, and for a survey that sees no effect of
-    any table.
+    Raises ``DataError`` for a survey without a diagonal, and if no table changes the readings of
+    the survey.
     """
     names = [run.setup for run in driven.runs if run.setup in readings.setup]
     diagonals, lines = (
@@ -88,7 +90,8 @@ def plan_proof(
         run_minutes(driven, replace(run, repeats=1)) - setup_minutes(driven, run)
         for run in runs
     )
-    # the proof needs the survey's readings at its own stops, which another order does not have
+    # the proof run needs readings of the survey at the same stops, which another order of axes does
+    # not have
     most = min((run.repeats for run in runs if run.alternate), default=int(minutes / once))
     repeats = max(min(int(minutes / once), most), 1)
     return ProofPlan(

@@ -1,11 +1,11 @@
-"""SINUMERIK CEC: sag, angularity and cross-error compensation, one numbered table per input and
-output axis.
+"""SINUMERIK CEC: sag, angularity and cross-error compensation, with one numbered table for each
+pair of input and output axis.
 
-Function manual K3 pp. 243-264: absolute values against the SETPOINT of the base axis, linear
-between points, ends held, optionally for one direction of travel of the base axis only; several
-tables on one output axis add up. The manual does not state the sense; a builder's production
-program shows that a positive value moves the output axis in - (controllers.md 3.2): ``as-error``,
-to be proven by a sign test.
+Function manual K3 pp. 243-264: a table has absolute values over the SETPOINT of the base axis,
+linear between points, with the end values outside, optionally for one direction of travel of the
+base axis; several tables on one output axis add up. The manual does not state the sense; a
+builder's production program shows that a positive value moves the output axis in - (controllers.md
+3.2): ``as-error``, to be proven by a sign test.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ from stepdiag.exporters.tables.tables import Law, Sense, Table
 
 KIND = "cec"
 TIMES = "times table"
-"""Key of a multiplied table's place: the index of the multiplying table."""
+"""Key, in the place of a multiplied table, for the index of the multiplying table."""
 _AXES = ("AN_CEC_INPUT_AXIS", "AN_CEC_OUTPUT_AXIS")
 _GRID = ("AN_CEC_STEP", "AN_CEC_MIN", "AN_CEC_MAX")
 _MODES = ("AN_CEC_DIRECTION", "AN_CEC_MULT_BY_TABLE", "AN_CEC_IS_MODULO")
@@ -34,8 +34,9 @@ def law(sense: Sense) -> Law:
 
 
 def assignments(table: Table, profile: Profile, decimals: int, points: int) -> list[str]:
-    """Return the lines of one table: all its points, zeros up to ``points`` (MD18342), then axes,
-    grid and modes."""
+    """Return the assignments of one table: the points, zeros up to ``points`` (MD18342), then axes,
+    grid and modes.
+    """
     index = table.place["table"]
     return [
         *point_lines(table, f"AN_CEC[{index},{{}}]", decimals, points),
@@ -49,8 +50,8 @@ def assignments(table: Table, profile: Profile, decimals: int, points: int) -> l
 
 
 def read_tables(file: ControlFile, profile: Profile, sense: Sense) -> tuple[Table, ...]:
-    """Return the CEC tables of a file by their numbers: a table multiplied by another is not yet
-    joined with it.
+    """Return the CEC tables of a file as the control numbers them: a multiplied and a multiplying
+    table are two tables.
 
     Raises ``DataError`` with file and line, ``UsageError`` for a foreign axis.
     """
@@ -113,8 +114,8 @@ def _cec_table(
 
 
 def _times(item: Assignment | None) -> dict[str, int]:
-    """Return the index of the table that multiplies this table, from the number in the file; None
-    for 0.
+    """Return the index of the table that multiplies a table, from the number in the file; empty for
+    the number 0.
     """
     number = 0 if item is None else whole(item.value, item.where)
     if item is not None and number < 0:

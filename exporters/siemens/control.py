@@ -1,9 +1,9 @@
-"""SINUMERIK 840D, 840D sl, 828D and ONE: EEC for the positioning errors, CEC for straightness with
-squareness.
+"""SINUMERIK 840D, 840D sl, 828D and ONE: EEC tables for the positioning errors, CEC tables for
+straightness with squareness.
 
-A curve corrected per direction of travel goes into two CEC tables with DIRECTION 1 and -1, also for
-a positioning error (K3 p. 264: the same axis as base and compensated axis). `siemens.eec` and
-`siemens.cec` contain the other facts about the formats.
+A curve with a correction for each direction of travel needs two CEC tables with DIRECTION 1 and -1,
+also for a positioning error (K3 p. 264: the same axis as base and compensated axis). `siemens.eec`
+and `siemens.cec` describe the formats.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,14 +37,15 @@ from stepdiag.exporters.tables.sampling import absolute_tables, is_directional
 from stepdiag.exporters.tables.tables import Sense, Table, plain_rows, zeroed
 
 Size = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
-"""Largest number of points of a table, and largest table number: far above the limits of the
-machine data.
+"""Type of a number of points or of a table number: the bound is far above the limits of the machine
+data.
 """
 
 
 class SiemensOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[siemens]``: measuring system, sizes of the tables in the control, numbers of the CEC
-    tables."""
+    """The section ``[siemens]`` of a profile: measuring system, sizes of the tables in the control,
+    numbers of the CEC tables.
+    """
 
     measuring_system: Annotated[int, msgspec.Meta(ge=1, le=2)]
     eec_points: dict[str, Size] = {}
@@ -62,7 +63,7 @@ class SiemensOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
 
 
 _WORTH_SAYING_UM = 0.3
-"""Smallest effect of products in um for which they are offered: about the uncertainty of a good
+"""Smallest effect in um for which the export offers products: about the uncertainty of a good
 survey.
 """
 _TEMPLATE = """\
@@ -96,7 +97,7 @@ measuring_system = "?"
 
 @dataclass(frozen=True, slots=True)
 class Siemens:
-    """The SINUMERIK family as `exporters.tables.controller.Controller`."""
+    """The SINUMERIK controls in the form of `exporters.tables.controller.Controller`."""
 
     name: str = "siemens"
     title: str = "Siemens SINUMERIK 840D, 840D sl, 828D, ONE (EEC and CEC)"
@@ -105,20 +106,20 @@ class Siemens:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> SiemensOptions:
-        """Return the options of a provisional export: first measuring system, CEC tables from index
-        0.
+        """Return the options of a provisional export: the first measuring system, and CEC tables
+        from index 0.
         """
         return SiemensOptions(measuring_system=1)
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return MD38000, MD18342, the number of CEC tables and the largest slope by MD32730, from
-        the profile.
+        """Return the limits of a table by the profile: the points (MD38000, MD18342), the number of
+        CEC tables, and the largest slope (MD32730).
         """
         options = profile.options_as(SiemensOptions)
         if table.kind == eec.KIND:
             return Limits(points=options.eec_points.get(table.input_axis))
-        # MD32730 is a share of the axis' own top speed: at equal top speeds the correction may move
-        # at that share of the base axis' speed.
+        # MD32730 limits the speed of the correction to a share of the output axis' top speed; with
+        # equal top speeds the slope over the base axis is limited to the same share.
         held = Limits(points=options.cec_points, tables=options.cec_tables_held)
         return (
             held
@@ -127,16 +128,16 @@ class Siemens:
         )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return EEC tables for positioning errors and CEC tables for the rest, with CEC table
-        numbers assigned in order.
+        """Return EEC tables for positioning errors and CEC tables, numbered in order, for the other
+        curves.
         """
         return self._numbered_plan(curves, (), profile, ())
 
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the same tables, and products after them: as many of both as the control has
-        tables, the most valuable first.
+        """Return the tables of the curves and then of the products: the most valuable ones for
+        which the control has tables.
         """
         options = profile.options_as(SiemensOptions)
         if not options.products:
@@ -240,8 +241,8 @@ class Siemens:
         return tuple(files)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables in data files and part programs; a table in two files must have equal
-        values.
+        """Return the tables in data files and part programs; a table that is in two files must have
+        equal values in both.
         """
         found: dict[tuple[str, str], tuple[Table, str]] = {}
         for file in files:
@@ -270,13 +271,12 @@ class Siemens:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the active tables: the EEC of each axis for the measuring system in use, and CEC
-        tables by number, linked as stored.
+        """Return the tables that are active after loading: the EEC of each axis for the measuring
+        system in use, and the CEC tables by number, with products as the control links them.
 
-        A multiplying table acts by itself once its multiplied table is overwritten: nothing takes
-        it out. If tables were active while measuring, those with a set switch in the own files were
-        active. Loading sets the switches of the tables that it writes, and of the axis of a CEC
-        table.
+        If a multiplied table is overwritten, its multiplying table stays and acts by itself. If
+        tables were active during the measurement, they are those whose switch is on in the own
+        files. Loading switches on the tables that it writes, and the output axis of a CEC table.
         """
         held: dict[tuple[str, str], Table] = {}
         written: set[tuple[str, str]] = set()
@@ -300,8 +300,8 @@ class Siemens:
     def emptied(
         self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return zeros for old tables of the same functions under other numbers, and for tables
-        that multiplied an overwritten table.
+        """Return tables of zeros for old tables of the same functions under other numbers, and for
+        tables that multiplied an overwritten table.
         """
         held = {
             _seat(table): table for file in own for table in self._numbered_in(file, profile)
@@ -335,14 +335,17 @@ class Siemens:
         )
 
     def _numbered_in(self, file: ControlFile, profile: Profile) -> tuple[Table, ...]:
-        """Return the tables of a file by the control's numbers, multiplying tables among them."""
+        """Return the tables of a file as the control numbers them; multiplying tables are separate
+        tables.
+        """
         return eec.read_tables(file, profile) + cec.read_tables(
             file, profile, profile.options_as(SiemensOptions).cec_sense
         )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the own files, zeros for the tables that they lack, and part programs that load
-        the same and switch off the tables that were not there.
+        """Return the restore files: the machine's own files, zeros for tables that these do not
+        contain, and part programs that load both and switch off the tables that the machine did not
+        have.
         """
         options = profile.options_as(SiemensOptions)
         of_screws = [table for table in tables if table.kind == eec.KIND]
@@ -362,27 +365,31 @@ class Siemens:
         return restore.restore_files(kinds, profile, metric_line=options.metric_line)
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return ``READ_BACK.MPF``."""
+        """Return the part program ``READ_BACK.MPF``, which writes out the tables."""
         return (read_back.program(tables, profile),)
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return MD32700, MD32710, SD41300 and SD41310 as the loading programs leave them."""
+        """Return the values of MD32700, MD32710, SD41300 and SD41310 after the loading programs."""
         return read_back.switches(tables, profile)
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return the same data from files that were read out."""
+        """Return the values of MD32700, MD32710, SD41300 and SD41310 in files that were read out of
+        the control.
+        """
         return read_back.held_switches(files)
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file assigns EEC or CEC variables; the program that reads them out
-        does not.
+        """Return whether the file assigns EEC or CEC variables, unlike the program that only reads
+        these variables.
         """
         return file.name != read_back.NAME and (
             b"$AA_ENC_COMP" in file.data or b"$AN_CEC" in file.data
         )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return a row per point: the point numbers are those of the control."""
+        """Return the rows of the report, one for each point, with the point numbers of the
+        control.
+        """
         if table.multiplier is None:
             return plain_rows(table)
         ends = zip(table.multiplier.position_mm, table.multiplier.value, strict=True)
@@ -440,16 +447,17 @@ class Siemens:
 
 
 def _seat(table: Table) -> tuple[str, str]:
-    """Return where the control keeps a table: an EEC by measuring system and axis, a CEC by its
-    number."""
+    """Return the key under which the control stores a table: measuring system and axis of an EEC,
+    the number of a CEC.
+    """
     if table.kind == eec.KIND:
         return eec.KIND, f"{table.place['measuring system']},{table.place['axis']}"
     return _numbered_seat(int(table.place["table"]))
 
 
 def _acts(table: Table, profile: Profile) -> bool:
-    """Return whether a table belongs to the measuring system in use; without a profile this is
-    unknown.
+    """Return whether a table belongs to the measuring system in use (true for an assumed
+    profile).
     """
     used = profile.options_as(SiemensOptions).measuring_system
     return profile.assumed or table.place.get("measuring system", used) == used
@@ -491,7 +499,9 @@ def _cec_tables(curve: Curve, profile: Profile) -> int:
 
 
 def _possible(products: Sequence[Product]) -> Iterator[Finding]:
-    """Report the possible effect of products if the profile excludes them."""
+    """Yield the finding about the effect that products would have, if the profile excludes
+    products.
+    """
     worth = float(np.sqrt(sum(product.rms_um**2 for product in products)))
     if worth >= _WORTH_SAYING_UM:
         yield info("products-possible", worth_um=worth)
@@ -550,8 +560,8 @@ def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Findi
 
 
 def _require_full_effect(file: ControlFile, table: Table, profile: Profile) -> None:
-    """Raise ``DataError`` for a table that its own part program switches off or weights; tables of
-    zeros are exempt.
+    """Raise ``DataError`` for a table that the part program in its file switches off or weights; a
+    table of zeros may be off.
     """
     if not is_program(file) or not table.value_um.any():
         return

@@ -1,9 +1,9 @@
-"""SINUMERIK EEC: leadscrew and measuring-system error compensation, one table per axis and
+"""SINUMERIK EEC: leadscrew and measuring-system error compensation, one table for each axis and
 measuring system.
 
-Function manual K3 (6FC5397-1BP40-3BA1) pp. 237-242: absolute values, linear between points, first
-and last held outside; "a positive compensation value causes the corresponding machine axis to move
-in the negative direction", so the table holds the error itself.
+Function manual K3 (6FC5397-1BP40-3BA1) pp. 237-242: a table has absolute values, linear between
+points, with the end values outside; "a positive compensation value causes the corresponding machine
+axis to move in the negative direction", so its values are the error itself.
 """
 
 from stepdiag.base.errors import DataError
@@ -22,8 +22,9 @@ _HEAD = ("AA_ENC_COMP_STEP", "AA_ENC_COMP_MIN", "AA_ENC_COMP_MAX", "AA_ENC_COMP_
 
 
 def assignments(table: Table, decimals: int, points: int) -> list[str]:
-    """Return the lines of one table: all its points, zeros up to ``points`` (MD38000), then the
-    grid (K3 p. 242)."""
+    """Return the assignments of one table: the points, zeros up to ``points`` (MD38000), then the
+    grid (K3 p. 242).
+    """
     system, axis = table.place["measuring system"], table.place["axis"]
     index = int(system) - 1
     return [

@@ -1,10 +1,10 @@
-"""The text of SINUMERIK data files: assignments of system variables, as archives and services read
-and write them.
+"""The text of SINUMERIK data files: assignments of system variables, in the form that archives and
+services read and write.
 
 A data file is ``%_N_<name>_INI``, an optional ``METRIC``, ``CHANDATA(1)``, assignments, ``M17``
 (controllers.md 3.1, 3.2: manual samples and a production archive, which has no ``%`` line and
-starts with ``METRIC``). Comments begin with ``;``. A part program holds the same assignments among
-statements; its loops set surplus points to zero and are skipped here.
+starts with ``METRIC``). Comments begin with ``;``. A part program contains the same assignments
+among statements; this module skips its loops, which set surplus points to zero.
 """
 
 import re
@@ -32,7 +32,7 @@ _COMPENSATION = ("AA_ENC_COMP", "AN_CEC")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assignment:
-    """``$name[index] = value`` with its place, for messages."""
+    """An assignment ``$name[index] = value``, with its place in the file for messages."""
 
     name: str
     index: tuple[str, ...]
@@ -40,23 +40,24 @@ class Assignment:
     where: str
 
     def number(self) -> float:
-        """Return the value as a finite number. Raises ``DataError``."""
+        """Return the value as a finite number. Raises ``DataError`` for any other value."""
         return finite(self.value, self.where)
 
     def text(self) -> str:
-        """Return the assignment as written in a file."""
+        """Return the text of the assignment in a file."""
         return f"${self.name}[{','.join(self.index)}]={self.value}"
 
     def axis(self) -> str:
-        """Return an axis name without the parentheses of the CEC variables."""
+        """Return the value as an axis name, without the parentheses of the CEC variables."""
         return self.value.removeprefix("(").removesuffix(")")
 
 
 def data_file(
     name: str, groups: Sequence[Sequence[str]], notes: Sequence[str], *, metric_line: bool
 ) -> ControlFile:
-    """Return ``<name>.INI`` with the assignments of each table, ``notes`` as comments at its
-    head."""
+    """Return the file ``<name>.INI`` with the assignments of each table, and with ``notes`` as
+    comments at its head.
+    """
     head = [
         f"%_N_{name}_INI",
         *(f"; {note}" for note in notes),
@@ -68,15 +69,17 @@ def data_file(
 
 
 def is_program(file: ControlFile) -> bool:
-    """Return whether the file is a part program, by its kind in the export or by its ending."""
+    """Return whether the file is a part program, by its purpose in the export or by the ending of
+    its name.
+    """
     return file.role == "program" or file.name.upper().endswith((".MPF", ".SPF"))
 
 
 def read_assignments(file: ControlFile) -> list[Assignment]:
     """Return the EEC and CEC assignments of a data file or part program, in order.
 
-    Raises ``DataError``, with the line, for a line that a data file cannot hold, for inches, and
-    for a file without its end.
+    Raises ``DataError``, with the line, for a line that a data file cannot contain, for inches, and
+    for a file without its last line.
     """
     program = is_program(file)
     found: list[Assignment] = []
@@ -116,8 +119,9 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
 
 
 def switches_in(files: Iterable[ControlFile]) -> dict[str, str]:
-    """Return the switches and weights that files leave, by variable with its index, such as
-    ``SN_CEC_TABLE_ENABLE[0]``."""
+    """Return the switches and weights after loading some files, by variable with index, such as
+    ``SN_CEC_TABLE_ENABLE[0]``.
+    """
     last: dict[str, str] = {}
     for file in files:
         for _, line in _assignment_lines(file):
@@ -130,7 +134,8 @@ def switches_in(files: Iterable[ControlFile]) -> dict[str, str]:
 def require_full_effect(
     file: ControlFile, table: Message, switches: Iterable[str], weight: str
 ) -> None:
-    """Raise ``DataError`` if a part program leaves a table with values switched off, or weights it.
+    """Raise ``DataError`` if a part program leaves a table switched off, or with a weight other
+    than 1.
 
     ``switches`` and ``weight`` are variables with their index, such as ``SN_CEC_TABLE_ENABLE[0]``;
     the last assignment is valid.
@@ -160,8 +165,8 @@ def require_full_effect(
 
 
 def _assignment_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
-    """Yield place and text of every assignment line; comments and the bodies of loops are left
-    out.
+    """Yield the place and the text of every line with an assignment, without comments and the
+    bodies of loops.
     """
     in_loop = False
     for where, raw in read_lines(file):
@@ -173,11 +178,11 @@ def _assignment_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
 
 
 def grid_mm(start: float, step: float, end: float, written: int, where: str) -> list[float]:
-    """Return the positions of a table in the control, ``end`` included.
+    """Return the positions of a table in the control, from ``start`` to ``end``.
 
     A table from another program may end between two points (controllers.md 3.2, MAX 950 with STEP
-    100): its last position is then the end. Raises ``DataError`` for an impossible grid, or a grid
-    that needs more than the ``written`` points.
+    100): the end is then the last position. Raises ``DataError`` for an impossible grid, or a grid
+    that needs more points than the ``written`` ones.
     """
     if step <= 0 or end <= start:
         raise DataError(

@@ -1,8 +1,8 @@
-"""Part programs that load SINUMERIK tables: guards first, then switch off, write, switch on
-(controllers.md 3.3).
+"""Part programs that load SINUMERIK tables: they check the control, then switch the tables off,
+write them and switch them on (controllers.md 3.3).
 
-The pattern of NEWCONF and STOPRE is that of a builder's production program. Nothing is switched off
-before every guard has passed, so a refusal leaves the machine as it was.
+The pattern of NEWCONF and STOPRE is that of a builder's production program. No table is switched
+off before all checks have passed, so a refusal does not change the machine.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,18 +24,18 @@ _REFUSALS = {
     "READ IT OUT",
 }
 _DIGIT_MM = 1e-5
-"""Largest difference of values, caused by the digit that archives leave out."""
+"""Largest difference of a value in mm that is caused by the digit that archives leave out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """One table to load: its assignments, points first, whether it becomes active, and its weight
-    (CEC).
+    """One table to load: its assignments with the points first, whether the table becomes active,
+    and its weight (CEC).
 
-    ``held`` are the assignments for it in the machine's own files: the program writes only where
-    the control holds these values or already the new ones. None: the program writes over any
-    values. ``acted``: these tables were active during the measurement, so they are on and have the
-    weight 1.
+    ``held`` are the assignments of this table in the machine's own files: the program writes only
+    if the control contains these values or already the new values. With None the program overwrites
+    any values. ``acted`` is true if the held table was active during the measurement, so that its
+    switch must be on and its weight 1.
     """
 
     table: Table
@@ -47,8 +47,8 @@ class Load:
 
 
 def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
-    """Return ``LOAD_EEC.MPF`` for EEC tables; a table that must not be active stays switched
-    off.
+    """Return the part program ``LOAD_EEC.MPF`` for EEC tables; a table that must not be active
+    stays switched off.
     """
     keys = [
         f"{int(load.table.place['measuring system']) - 1},{load.table.place['axis']}"
@@ -81,8 +81,8 @@ def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
 
 
 def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -> ControlFile:
-    """Return ``LOAD_CEC.MPF`` for CEC tables; a table that must not be active stays switched off,
-    and so does an axis without active tables.
+    """Return the part program ``LOAD_CEC.MPF`` for CEC tables; a table that must not be active
+    stays switched off, and so does an axis without active tables.
     """
     tables = [load.table for load in loads]
     outputs = {
@@ -128,9 +128,9 @@ def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -
 
 
 def _known(variable: str, size: str, load: Load) -> list[str]:
-    """Return the lines that end a program where the control holds neither the old values nor the
-    new ones. They compare sums of values times their number from 1, which also change when two
-    values are exchanged.
+    """Return the lines that end a program if the control contains neither the old nor the new
+    values. The lines compare a sum of the values, each times the number of its point, which also
+    changes if two values are exchanged.
     """
     if load.held is None:
         return []
@@ -144,7 +144,7 @@ def _known(variable: str, size: str, load: Load) -> list[str]:
 
 
 def _acted(load: Load, *unlike: str) -> list[str]:
-    """Return the lines that end a program where a table that was active during the measurement is
+    """Return the lines that end a program if a table that was active during the measurement is
     inactive now.
     """
     return [f"IF {state} GOTOF OTHER_TABLES" for state in unlike if load.acted and load.held]
@@ -160,19 +160,21 @@ def _weighed_mm(assignments: Sequence[str]) -> float:
 
 
 def _points(assignments: Sequence[str]) -> int:
-    """Return the number of point values in the assignments: they come first, then the grid."""
+    """Return the number of assignments that state values of points."""
     return sum(line.startswith(_POINTS) for line in assignments)
 
 
 def _zero_surplus(variable: str, size: str, written: int) -> list[str]:
-    """Return the loop that sets the points above the table to zero, which would keep old values
-    (K3, CAUTION).
+    """Return the loop that sets the points after the end of the table to zero; else these would
+    keep their old values (K3, CAUTION).
     """
     return [f"FOR POINT={written} TO {size}-1", f"{variable}=0", "ENDFOR"]
 
 
 def _largest_sums(tables: Sequence[Table], outputs: Mapping[str, str]) -> dict[str, float]:
-    """Return, per output axis name, a bound in mm of the sum of all its tables."""
+    """Return, by the name of the output axis, an upper bound in mm of the sum of all tables on this
+    axis.
+    """
     return {
         name: sum(
             float(np.max(np.abs(table.value_um)))

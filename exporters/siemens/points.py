@@ -1,4 +1,6 @@
-"""Points and grid of one table, common to EEC and CEC (function manual K3 pp. 237-264)."""
+"""Text of the points and the grid of one table, which EEC and CEC share (function manual K3 pp.
+237-264).
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,8 +17,8 @@ from stepdiag.exporters.tables.tables import Table, require_rising
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Points:
-    """The points of a table: ``value_um`` at ``position_mm``, both of shape (N,), written to
-    ``quantum_um``.
+    """The points of a table: ``value_um`` at ``position_mm``, both of shape (N,), with the
+    resolution ``quantum_um``.
     """
 
     position_mm: Vector
@@ -25,10 +27,11 @@ class Points:
 
 
 def point_lines(table: Table, variable: str, decimals: int, points: int) -> list[str]:
-    """Return the assignments of all points in mm, ``variable`` holding ``{}`` for the number, zeros
-    up to ``points``.
+    """Return the assignments of all points in mm, with zeros up to ``points``; ``variable``
+    contains ``{}`` in place of the point's number.
 
-    Points that are not written keep their old values (K3, CAUTION): the surplus is written as 0.
+    Points that are not written keep their old values (K3, CAUTION): the surplus points are written
+    as 0.
     """
     values = [float(value) / 1000 for value in table.value_um]
     values += [0.0] * (points - len(values))
@@ -39,8 +42,9 @@ def point_lines(table: Table, variable: str, decimals: int, points: int) -> list
 
 
 def grid_lines(table: Table, variable: str, place: str) -> list[str]:
-    """Return the assignments of the grid of the table at ``place``: step, first and last position
-    in mm."""
+    """Return the assignments of the grid of a table, with the index ``place``: step, first and last
+    position in mm.
+    """
     first, second, last = (float(table.position_mm[index]) for index in (0, 1, -1))
     named = (("STEP", second - first), ("MIN", first), ("MAX", last))
     return [f"${variable}_{name}[{place}]={shortest(value)}" for name, value in named]
@@ -53,10 +57,10 @@ def read_points(
     end_mm: float,
     where: str,
 ) -> Points:
-    """Return the points of a table; every one up to its last must have been written
-    (``DataError``).
+    """Return the points of a table. Raises ``DataError`` if a point up to the last one was not
+    written.
 
-    Between two points, where a foreign table ends off its grid, the value is the interpolated one.
+    If a table from another program ends between two points, the value at its end is interpolated.
     """
     position = np.array(grid_mm(start_mm, step_mm, end_mm, len(written), where))
     require_rising(position, where)
@@ -80,7 +84,7 @@ def read_points(
 
 
 def _quantum_um(written: Mapping[int, Assignment]) -> float:
-    """Return the unit of the last decimal written in a file, in um; at least the 0.1 um of four
+    """Return the unit in um of the last decimal place in a file, at most the 0.1 um of four
     decimals.
     """
     decimals = max(

@@ -1,12 +1,13 @@
-"""SINUMERIK products: the effect of angles with their levers, by a CEC table multiplied by another.
+"""SINUMERIK products: a CEC table multiplied by another CEC table corrects the effect of an angle
+with its lever.
 
 Function manual K3 (6FC5397-1BP40-3BA1): the product is added to the total compensation value of the
 output axis (p. 245), and ``$AN_CEC_MULT_BY_TABLE[t]`` holds the NUMBER, index + 1, of the table by
 which table t is multiplied (p. 249). In the example of p. 252 X1 moves only by the product of a
 tilt along X1 and a straight line along Z1: two linked tables apply their product, and neither table
-acts alone. The manual does not state this explicitly. So both tables have similar values, a tenth
-of a millimetre, instead of an error and a factor of one. On a control that adds the tables
-themselves, the sign test moves the axis by this amount and reports it, without damage.
+acts alone. The manual does not state this explicitly. So both tables get similar values of about a
+tenth of a millimetre, instead of an error and a factor of one. If a control adds the tables
+themselves, the sign test moves the axis by this amount, without damage, and reports it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,8 +28,8 @@ from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
 KIND = "cec-product"
 LEVER_MM = 0.1
-"""Largest value of the multiplying table in mm; the other table holds the movement divided by this
-value, in millimetres.
+"""Largest value of the multiplying table in mm; the values of the multiplied table are the movement
+divided by this value in mm.
 """
 _MOST = 12
 """Largest number of products compared with each other: more than the useful angles of a machine
@@ -43,8 +44,8 @@ def product_table(
     decimals: int,
     place: Mapping[str, int | str],
 ) -> Table:
-    """Return the table of a product on the grids of its two axes, to the common resolution of both
-    tables.
+    """Return the table of a product on the grids of its two axes, in the resolution that both
+    tables allow.
     """
     grid, by = profile.grid_mm(product.input_axis), profile.grid_mm(product.by_axis)[[0, -1]]
     lever = (by - product.middle_mm) / product.half_mm
@@ -70,8 +71,8 @@ def product_table(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """The selection for the tables of a control: names of the curves that stay, the products, and
-    the parts left out.
+    """The selection of curves and products for the tables of a control: names of the kept curves,
+    the kept products, and the names of the omitted parts.
     """
 
     curves: tuple[str, ...]
@@ -89,8 +90,9 @@ def chosen(
     limit).
 
     ``tables_of`` gives the number of CEC tables of each curve. A product needs one table, and a
-    second table for its lever, which all products of the same lever and output axis share. Omitted
-    orthogonal parts add up in squares: the selection with the smallest sum is used.
+    second table for its lever, which products of the same lever and output axis share. The parts
+    are orthogonal, so the squares of the omitted parts add up: the selection with the smallest sum
+    of squares is used.
     """
     given = [product for product in products[:_MOST] if product.rms_um > 0.0]
     worth = {curve.name: _rms_um(curve) for curve in curves if tables_of[curve.name]}
@@ -115,7 +117,7 @@ def chosen(
 
 
 def taken_by(products: Sequence[Product]) -> int:
-    """Return the number of tables needed by these products, levers included."""
+    """Return the number of tables that some products need, with those of their levers."""
     return len(products) + len(
         {(product.by_axis, product.output_axis) for product in products}
     )
@@ -124,8 +126,8 @@ def taken_by(products: Sequence[Product]) -> int:
 def _most_valuable(
     worth: Mapping[str, float], tables_of: Mapping[str, int], room: int | None
 ) -> tuple[str, ...] | None:
-    """Return the curves to keep in ``room`` tables, the most valuable per table first; None without
-    any room.
+    """Return the names of the curves that fit into ``room`` tables, chosen by their value for each
+    table; None if ``room`` is negative.
     """
     if room is None:
         return tuple(worth)
@@ -140,14 +142,16 @@ def _most_valuable(
 
 
 def _rms_um(curve: Curve) -> float:
-    """Return the loss over the volume without the curve: its spread along its axis."""
+    """Return the error over the volume that omission of a curve would leave: the standard deviation
+    of the curve along its axis, in um.
+    """
     at = np.linspace(curve.position_mm[0], curve.position_mm[-1], 201)
     return float(np.std(curve.at(at)))
 
 
 def numbered(tables: Sequence[Table]) -> list[Table]:
-    """Return the tables by the control's numbers: a product as two, the first of which names the
-    other as its multiplier.
+    """Return the tables as the control numbers them: a product becomes two tables, of which the
+    multiplied one names the number of the multiplying one.
 
     A product whose multiplier is zero throughout, as restore files write it, has no multiplier.
     """
@@ -172,7 +176,7 @@ def numbered(tables: Sequence[Table]) -> list[Table]:
 
 
 def _lever(table: Table, multiplier: Multiplier, number: int) -> Table:
-    """Return the multiplying table in the control's form."""
+    """Return the multiplying table of a product, in the form of the control."""
     return replace(
         table,
         input_axis=multiplier.axis,
@@ -185,10 +189,10 @@ def _lever(table: Table, multiplier: Multiplier, number: int) -> Table:
 
 
 def joined(tables: Sequence[Table], where: str) -> tuple[Table, ...]:
-    """Return the tables with every linked pair as a product, without the tables that only multiply.
+    """Return the tables with every multiplied and multiplying table joined into a product.
 
-    Raises ``DataError`` for a link to a missing table, to a linked table, or to a table that does
-    not move the same axis.
+    Raises ``DataError`` if the multiplying table is missing, is itself multiplied, has a direction,
+    or moves another axis.
     """
     by_number = {
         int(table.place["table"]): table for table in tables if table.kind == cec.KIND

@@ -1,13 +1,13 @@
-"""The part program that writes out the contents of a SINUMERIK: every table of an export with its
-switches and weight, as assignments.
+"""The part program that writes the contents of a SINUMERIK into a file: every table of an export,
+with its switches and weight, as assignments.
 
-Its file has the form of a data file, so that every reader of the machine's own files reads it.
-WRITE appends a line to a file of the passive file system, no longer than MD11420 allows (NC
-Programming, SINUMERIK ONE, p. 566); the number of digits of a number joined to a text by "<<" is
-not stated there. DELETE with a fault and a path is taken from a published program for the 810D
-(industrialmonitordirect.com, deleting programs with an invalid name). An axis is compared with each
-axis of the machine, for == and <> hold for the type AXIS too (Job Planning, 828D,
-6FC5398-2BP40-0BA0, p. 66): the file names the axis that the control holds.
+The file has the form of a data file, so that the functions for the machine's own files can read it.
+WRITE appends a line to a file of the passive file system, which may be as long as MD11420 allows
+(NC Programming, SINUMERIK ONE, p. 566); this manual does not state how many digits "<<" writes.
+DELETE with a fault and a path is taken from a published program for the 810D
+(industrialmonitordirect.com, deleting programs with an invalid name). The program compares an axis
+with each axis of the machine, because == and <> are allowed for the type AXIS (Job Planning, 828D,
+6FC5398-2BP40-0BA0, p. 66): the file then names the axis in the control.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,8 +29,8 @@ _LOGICAL = {"TRUE": "1", "FALSE": "0"}
 
 
 def program(tables: Sequence[Table], profile: Profile) -> ControlFile:
-    """Return the part program for the tables of an export; the program changes only its own file in
-    the control.
+    """Return the part program for the tables of an export; the program changes nothing in the
+    control but its output file.
     """
     body = [line for table in numbered(tables) for line in _of_table(table, profile)]
     head = [
@@ -61,7 +61,7 @@ def program(tables: Sequence[Table], profile: Profile) -> ControlFile:
 
 
 def _of_table(table: Table, profile: Profile) -> Iterator[str]:
-    """Yield the lines that write a table: points, grid, axes, switches."""
+    """Yield the lines that write out a table: points, grid, axes, switches."""
     if table.kind == eec.KIND:
         system, axis = int(table.place["measuring system"]) - 1, table.place["axis"]
         yield from _points(f"$AA_ENC_COMP[{system},", f",{axis}]", table)
@@ -87,7 +87,7 @@ def _of_table(table: Table, profile: Profile) -> Iterator[str]:
 
 
 def _named(variable: str, axis: str, label: str) -> tuple[str, ...]:
-    """Return the lines that write a variable where it holds this axis."""
+    """Return the lines that write out a variable if its value is the given axis."""
     over = f"NOT_{axis}_{label}"
     return (
         f"IF {variable}<>{axis} GOTOF {over}",
@@ -111,9 +111,7 @@ def _write_line(text: str) -> str:
 
 
 def switches(tables: Sequence[Table], profile: Profile) -> dict[str, str]:
-    """Return the switches and weights after the loading programs have run, by variable with its
-    index.
-    """
+    """Return the switches and weights that the loading programs set, by variable with index."""
     wanted = {}
     for table in numbered(tables):
         if table.kind == eec.KIND:
@@ -132,9 +130,10 @@ def switches(tables: Sequence[Table], profile: Profile) -> dict[str, str]:
 
 
 def held_switches(files: Sequence[ControlFile]) -> dict[str, str]:
-    """Return the switches and weights in files, TRUE and FALSE as 1 and 0.
+    """Return the switches and weights in files by variable with index, with 1 and 0 for TRUE and
+    FALSE.
 
-    Raises ``DataError`` with its name for a switch or weight that is neither one of these nor a
+    Raises ``DataError``, with the name, for a switch or weight that is neither TRUE nor FALSE nor a
     number.
     """
     return {

@@ -1,10 +1,10 @@
-"""Back to the earlier state of a SINUMERIK: the own tables, and zeros, switched off, at every place
-that they leave empty.
+"""Restore files of a SINUMERIK: the machine's own tables, and switched-off tables of zeros for new
+tables that the machine did not have.
 
-A table that the control never had does not disappear when older files are loaded: it would remain
-active beside them. So the restore files name every table that an export writes. They are data files
-(the machine's own bytes, and a file of zeros) and part programs with the guards of
-`stepdiag.exporters.siemens.loader`, which also switch off the tables that were not there.
+A new table does not disappear when the older files are loaded: it would remain active beside the
+old tables. So the restore files contain every table that an export writes. There are data files
+(the machine's own bytes, and a file of zeros) and part programs with the checks of
+`stepdiag.exporters.siemens.loader`, which also switch off the tables that the machine did not have.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -28,13 +28,13 @@ from stepdiag.exporters.tables.tables import Sense, Table, zeroed
 
 _NOTES = (NO_TABLE_BEFORE,)
 OFF = ("0", "FALSE")
-"""Values of a switch that is off."""
+"""Texts of a switch that is off."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kind:
-    """The data of EEC or CEC: variables, data file, own tables, and the zeros for missing
-    tables.
+    """The restore data of EEC or of CEC: prefix of the variables, name of the data file, loading
+    program, the machine's own tables, and zeros for the tables that it did not have.
     """
 
     prefix: str
@@ -46,8 +46,8 @@ class Kind:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Old:
-    """Switches and weights of the machine's own tables before the loading: from its files, or else
-    from the profile.
+    """Switches and weights of the machine's own tables before an export was loaded: those in its
+    files, else those in the profile.
     """
 
     profile: Profile
@@ -58,7 +58,7 @@ class Old:
         self, table: Table, lines: Sequence[str], switches: Sequence[str], weight: str = ""
     ) -> Load:
         """Return a table in its earlier state: on if all its ``switches`` were on. Raises
-        ``SafetyError`` (``profile-incomplete.switches``) where neither files nor profile state the
+        ``SafetyError`` (``profile-incomplete.switches``) if neither files nor profile state the
         switches, ``UsageError`` for a table that was active with a weight other than 1.
         """
         held = switches_in(self.profile.existing)
@@ -104,8 +104,8 @@ class Old:
 def restore_files(
     kinds: Sequence[Kind], profile: Profile, *, metric_line: bool
 ) -> tuple[ControlFile, ...]:
-    """Return the own files, the files of zeros, and the part programs that load the same; ``kinds``
-    are the kinds of table that an export writes.
+    """Return the machine's own files, the files of zeros, and the part programs that load both;
+    ``kinds`` are the kinds of table that an export writes.
     """
     files = list(profile.existing)
     for kind in kinds:
@@ -116,7 +116,9 @@ def restore_files(
 
 
 def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old) -> Kind:
-    """Return the EEC tables of an export and those of the machine's own files."""
+    """Return the restore data of the EEC tables: the tables of an export and those in the machine's
+    own files.
+    """
     own = {
         _eec_place(table): table
         for file in profile.existing
@@ -142,7 +144,9 @@ def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old)
 def cec_kind(
     tables: Sequence[Table], profile: Profile, decimals: int, old: Old, *, sense: Sense
 ) -> Kind:
-    """Return the CEC tables of an export and those of the machine's own files."""
+    """Return the restore data of the CEC tables: the tables of an export and those in the machine's
+    own files.
+    """
     own = {
         _cec_place(table): table
         for file in profile.existing
@@ -176,8 +180,8 @@ def cec_kind(
 
 
 def is_idle(table: Table, profile: Profile, enabled: Collection[str] = ()) -> bool:
-    """Return whether the own files hold a table as switched off while others were active; the axes
-    ``enabled`` are on for CEC whatever the files hold.
+    """Return whether a table is switched off in the machine's own files although compensation was
+    active during the measurement; for CEC, the axes ``enabled`` count as on.
     """
     if profile.machine.measured_with == "off":
         return False
@@ -192,8 +196,8 @@ def is_idle(table: Table, profile: Profile, enabled: Collection[str] = ()) -> bo
 
 
 def held_lines(profile: Profile) -> Callable[[Table], list[str]]:
-    """Return a function from the place of a table to the assignments there in the machine's own
-    files, empty without any.
+    """Return a function that gives, for a table, the assignments in the machine's own files under
+    the same number or axis; empty if there are none.
     """
     eec_lines = _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index)
     cec_lines = _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0])
@@ -221,8 +225,8 @@ def _cec_place(table: Table) -> str:
 def _lines_by_place(
     files: Sequence[ControlFile], prefix: str, place_of: Callable[[tuple[str, ...]], str]
 ) -> dict[str, list[str]]:
-    """Return the assignments of each table as written in the own files, points before grid; the
-    first file with a table is used.
+    """Return the assignments of each table in the machine's own files, points before grid; the
+    first file that contains a table is used.
     """
     found: dict[str, list[str]] = {}
     for file in files:
@@ -239,8 +243,8 @@ def _lines_by_place(
 
 
 def _zero_file(files: Sequence[ControlFile], kind: Kind, *, metric_line: bool) -> ControlFile:
-    """Return the zeros as a data file, under the usual name if the machine has no file of this
-    kind.
+    """Return the data file of zeros, under the usual name if the machine has no file of
+    this kind.
     """
     beside_own = any(
         not is_program(file) and f"${kind.prefix}".encode() in file.data for file in files

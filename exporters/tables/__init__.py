@@ -1,5 +1,5 @@
-"""From a result to tables of any control: curves, profile, sampling, merging, lattice.
+"""The tables of any control from a result: curves, profile, sampling, merging, lattice.
 
-In: a result and a profile. Out: tables with the law by which a control applies them. Imported by
-makers, profiles, safety, export.
+Input: a result and a profile. Output: tables, each with the law by which a control applies it. The
+packages of the makers, profiles, safety and export import this package.
 """

@@ -1,15 +1,15 @@
-"""Angles as separate columns, for controls that know the chain of the axes and turn the parts on an
-axis by its angles.
+"""Angles as separate columns, for controls that use the kinematic chain and compute the effect of
+an axis' angles on the parts that the axis carries.
 
 Such a control moves the tool by ``alpha(a) x r``, with levers ``r`` from the zero of its axes. The
-fit (`fit`) has the same field as curves and as products with levers from the middle of the volume.
-From the latter to the former, for an angle that is zero at the reference:
+fit (`fit`) describes the same field by curves, and by products with levers from the middle of the
+volume. A product is converted into the column of an angle that is zero at the reference by
 
     g(a) (b - middle) = [g(a) - g(ref)] b  +  g(ref) b  -  g(a) middle
 
-The first summand is the column of the angle, the others are curves along b and along a. If the
-control counts the travel of an axis itself among the levers of its angles, this addition is
-subtracted from the curve.
+The first summand is the column of the angle, the second is a curve along b, the third a curve along
+a. If the control also uses the travel of the axis itself as a lever of its angles, the effect of
+this lever is subtracted from the curve.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
 COLUMN = "column"
 LEVER_MM = 100.0
-"""The lever at which the table of an angle states its movement."""
+"""Lever in mm for which the table of an angle contains the movement."""
 _LETTERS, _TURNS = "XYZ", "ABC"
 
 
@@ -47,25 +47,24 @@ class Angle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """The curves and angles of a machine; together their movement of the tool is that of the
-    fit.
-    """
+    """The curves and angles of a machine, which together move the tool as the fit does."""
 
     curves: tuple[Curve, ...]
     angles: tuple[Angle, ...]
 
 
 def levers_of(chain: str, *, own: bool) -> Vector:
-    """Return the axes that are levers of the angles of each axis, shape (axis, lever), 0 or 1;
-    ``own`` also includes an axis that carries the work itself.
+    """Return a matrix (axis, lever) with 1 for each axis whose travel is a lever of an axis'
+    angles, else 0; with ``own`` the travel of an axis on the workpiece side is also a lever of its
+    own angles.
     """
     mask = abbe_mask(chain)
     return mask if own else mask * (1.0 - np.eye(3))
 
 
 def require_chain(result: Result, profile: Profile) -> None:
-    """Raise ``UsageError`` where the profile states another chain than the result: the angles would
-    turn the wrong axes.
+    """Raise ``UsageError`` if profile and result state different chains: the angles would turn the
+    wrong axes.
     """
     stated = getattr(profile.options, "chain", None)
     if stated is not None and parse_chain(stated) != parse_chain(result.chain):
@@ -79,10 +78,10 @@ def require_chain(result: Result, profile: Profile) -> None:
 def columns_of(
     curves: Sequence[Curve], products: Sequence[Product], levers: Vector, profile: Profile
 ) -> Columns:
-    """Return curves and angles for a control with these ``levers`` (`levers_of`).
+    """Return curves and angles for a control that uses the ``levers`` of `levers_of`.
 
     Without curves (a sign test) only the angles are returned. Raises ``UsageError`` if a function
-    needed by the angles is missing, or a product has a lever unknown to the control.
+    that the angles need is missing, or if the control does not use the lever of a product.
     """
     missing = [
         name for name in FUNCTIONS if curves and name not in {curve.name for curve in curves}
@@ -124,8 +123,8 @@ def _relative_urad(
     profile: Profile,
     grid: Vector,
 ) -> Vector | None:
-    """Return an angle without its mean, from the first product with this angle; None without such a
-    product.
+    """Return the values of an angle minus their mean, in urad, from the first product with this
+    angle; None without such a product.
     """
     for product in products:
         output, by = _LETTERS.index(product.output_axis), _LETTERS.index(product.by_axis)
@@ -156,8 +155,8 @@ def _move(
     by: int,
     middles: Mapping[str, float],
 ) -> None:
-    """Subtract from the curves the control's addition by an angle and the lever along ``by`` that
-    the fit does not contain.
+    """Subtract from the curves the movement that the control adds by an angle and the lever along
+    ``by``, as far as the fit does not contain it.
     """
     turn, moving = _TURNS.index(angle.name[1]), _LETTERS.index(angle.name[2])
     for output in range(3):
@@ -193,8 +192,9 @@ def _plus(curve: Curve, position_mm: Vector, value_um: Vector) -> Curve:
 
 
 def _sign(turn: int, by: int, output: int) -> float:
-    """Return the movement of an axis by a unit turn and a unit lever: the component of turn x
-    lever."""
+    """Return the movement of an axis by a unit turn and a unit lever: a component of the vector
+    product turn x lever.
+    """
     return float(np.cross(np.eye(3)[turn], np.eye(3)[by])[output])
 
 
@@ -208,8 +208,8 @@ def angle_tables(
     quantum_urad: float,
     place: Mapping[str, int | str],
 ) -> Iterator[Table]:
-    """Yield the control's effect of a column: a product table for each moved axis and each lever;
-    ``laws`` by output axis.
+    """Yield the effect of an angle's column in the control: a product table for each moved axis and
+    each lever. ``laws`` are the laws of the values by output axis.
     """
     turn, moving = _TURNS.index(angle.name[1]), _LETTERS.index(angle.name[2])
     for by in np.flatnonzero(levers[moving]):
@@ -238,8 +238,9 @@ def angle_tables(
 
 
 def column_urad(table: Table) -> Vector:
-    """Return the numbers of the column from which a product table comes, in the sense of its
-    law."""
+    """Return the values in urad of the column to which a product table belongs, in the sense of the
+    table's law.
+    """
     by = "" if table.multiplier is None else table.multiplier.axis
     sign = _sign(
         _TURNS.index(str(table.place[COLUMN])[1]),

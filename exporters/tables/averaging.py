@@ -1,4 +1,4 @@
-"""For tables without a direction of travel: the mean of both directions, with a finding about the
+"""The mean of both directions for tables without a direction of travel, with a finding about the
 difference.
 """
 
@@ -16,15 +16,15 @@ from stepdiag.exporters.tables.sampling import is_directional
 
 
 def averaging(profile: Profile) -> Profile:
-    """Return the profile with the mean of both directions."""
+    """Return the profile with ``direction`` set to the mean of both directions."""
     return replace(
         profile, machine=msgspec.structs.replace(profile.machine, direction="mean")
     )
 
 
 def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
-    """Yield ``direction-averaged`` for every curve whose two directions go into one table although
-    the profile has both.
+    """Yield the finding ``direction-averaged`` for every curve whose two directions go into one
+    table although the profile asks for both.
     """
     for curve in curves:
         if is_directional(curve, profile):
@@ -32,8 +32,8 @@ def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Find
 
 
 def straightness_remark(curves: Sequence[Curve], control: str) -> Iterator[Finding]:
-    """Yield ``function-left-out.no-table``: the part of each straightness curve, end-point line
-    apart, that stays in the machine.
+    """Yield the finding ``function-left-out.no-table`` with the straightness that stays in the
+    machine (without the end-point line), for each straightness curve.
     """
     left = [
         message("so-much-of", name=curve.name, size_um=_straightness_um(curve))

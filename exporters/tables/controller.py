@@ -1,5 +1,5 @@
-"""The interface of every controller module: plan, render, parse, and the law of its control for a
-table.
+"""The interface of every controller module: the functions that plan, render and parse tables, and
+the law by which the control applies a table.
 
 curves --plan--> tables --render--> files          (export)
 files  --parse-> tables --law-----> correction     (verify, merge, sign test)
@@ -21,32 +21,34 @@ from stepdiag.exporters.tables.tables import Table
 PLAUSIBLE_SLOPE_UM_MM = 0.8
 """Largest plausible slope of a guideway or screw along its travel, for a control without a limit
 (controllers.md 10.4): 800 urad, twice the limit for a whole axis in
-`exporters.tables.profile.WARN_UM_M`, because straightness bends and contains the squareness too.
+`exporters.tables.profile.WARN_UM_M`, because straightness has bends and also contains the
+squareness.
 """
 PLAUSIBLE_STEP_UM = 6.0
-"""Additional plausible change between two measured values, however close they are: peak to peak of
-a screw's waves of 3 um, or four times the scatter of a difference of two values on a poor machine.
+"""Plausible change between two measured values in addition to the plausible slope, even at a small
+distance: peak to peak of a screw's waves of 3 um, or four times the scatter of a difference of two
+values on a poor machine.
 """
 
 
 def plausible_slope_um_mm(measured_mm: float) -> float:
-    """Return the slope in um/mm from which values at a distance of ``measured_mm`` are not
-    plausible.
+    """Return the largest plausible slope in um/mm between two values measured at a distance of
+    ``measured_mm``.
     """
     return PLAUSIBLE_SLOPE_UM_MM + PLAUSIBLE_STEP_UM / measured_mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Limits of the control itself; None without a limit.
+    """Limits that a control has for a table; None means no limit.
 
-    ``points``: largest number of points in a table; ``neighbour_um``: largest change from point to
-    point; ``neighbour_um_mm``: the same per mm of spacing; ``value_um``: largest value; ``tables``:
-    largest number of tables of a kind. ``slope_um_mm`` is the control's own limit of the slope, or
-    "plausible"; None if the control limits neighbouring values instead. ``reference_um`` is the
-    table's intended value at the reference, which replaces another compensation of the control.
-    ``ends_backlash``: the control's own backlash compensation stops wherever this table acts, so
-    the reversal error cannot be corrected twice.
+    ``points`` is the largest number of points in a table, ``value_um`` the largest value,
+    ``tables`` the largest number of tables of a kind. ``neighbour_um`` is the largest change from
+    point to point, ``neighbour_um_mm`` the largest change for each mm of spacing. ``slope_um_mm``
+    is the control's own limit of the slope, or "plausible"; None if the control limits neighbouring
+    values instead. ``reference_um`` is the table's intended value at the reference if the table
+    replaces another compensation of the control. ``ends_backlash`` is true if this table switches
+    off the control's backlash compensation, so that the reversal error cannot be corrected twice.
     """
 
     points: int | None = None
@@ -63,9 +65,9 @@ class Limits:
 class Plan:
     """The planned tables of an export, with remarks about the plan.
 
-    ``listed`` are tables without a file: the report shows them for entering by hand. ``options``
-    are the profile's options with every choice of the planning, None without choices; ``render``
-    and ``parse`` need them.
+    ``listed`` are tables without a file, which the report shows for typing in. ``options`` are the
+    profile's options with the choices of the planning, which ``render`` and ``parse`` need; None if
+    the planning chose nothing.
     """
 
     tables: tuple[Table, ...]
@@ -76,48 +78,49 @@ class Plan:
 
 @runtime_checkable
 class Multiplying(Protocol):
-    """A control that can multiply a table by another."""
+    """A control that can multiply a table by another table."""
 
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the tables for the curves, and for the products that the profile allows and for
-        which the control has tables.
+        """Return the tables for the curves, and for those products that the profile allows and for
+        which the control has room.
         """
 
 
 @runtime_checkable
 class Pairing(Protocol):
-    """A control whose squareness is one number for both functions of a pair of axes: neither is
-    corrected without the other."""
+    """A control with one number for the squareness of a pair of axes: neither straightness of the
+    pair is corrected without the other.
+    """
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
-        """Return the functions, with the partners of those that contain a squareness; ``fold``
-        names these functions.
+        """Return the functions, with the partner of each function that contains a squareness;
+        ``fold`` names these functions.
         """
 
 
 @runtime_checkable
 class Emptying(Protocol):
-    """A control on which an old table that no new table overwrites can be emptied, so that the two
-    do not act together.
+    """A control in which an export can empty an old table that no new table overwrites, so that old
+    and new table do not act together.
     """
 
     def emptied(
         self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return tables of zeros for every seat of ``own`` whose table would be active without
-        being included in ``tables``.
+        """Return a table of zeros for every old table of ``own`` that would remain active although
+        ``tables`` do not contain it.
         """
 
 
 @runtime_checkable
 class Reporting(Protocol):
-    """A control that can write out its contents."""
+    """A control that can write its contents into a file."""
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the programs that write out the control's contents of these tables, switches and
-        weights included.
+        """Return the programs by which the control writes out the contents, switches and weights of
+        some tables.
         """
 
 
@@ -126,7 +129,7 @@ class Switching(Protocol):
     """A control whose tables have switches and weights beside their values."""
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return the switches and weights with which the tables are active, by the control's own
+        """Return the switches and weights that make the tables active, by the control's own
         names.
         """
 
@@ -135,17 +138,17 @@ class Switching(Protocol):
 
 
 class Controller(Protocol):
-    """One controller family. Implementations hold no state: the profile contains all data about a
+    """A family of controls. Implementations have no state: the profile contains all data about a
     machine.
     """
 
     @property
     def name(self) -> str:
-        """Return the word of ``--controller``."""
+        """Return the name of the control for ``--controller``."""
 
     @property
     def title(self) -> str:
-        """Return maker and models, for people."""
+        """Return the maker and the models as a text for people."""
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -155,27 +158,27 @@ class Controller(Protocol):
 
     @property
     def options(self) -> type[msgspec.Struct]:
-        """Return the model of the profile's section ``[<name>]``."""
+        """Return the type of the options in the profile's section ``[<name>]``."""
 
     @property
     def options_template(self) -> str:
-        """Return this section as commented TOML, header line included; an open question is written
-        as "?".
+        """Return the section ``[<name>]`` as commented TOML with its header line; "?" marks an open
+        question.
         """
 
     def quick_options(self) -> msgspec.Struct:
         """Return the options for a provisional export without a profile (contract 5); ``plan``
-        states each of their assumptions.
+        reports each assumption in these options.
         """
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return the limits of the control of this profile for such a table."""
+        """Return the limits that the control of the profile has for a table."""
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return the tables for the curves: sampled on the profile's grid, zero at the reference,
-        quantised once.
+        """Return the tables for the curves: their values are sampled on the profile's grid, zero at
+        the reference, and quantised once.
 
-        Raises ``SafetyError`` where the control cannot hold the curve at all.
+        Raises ``SafetyError`` for a curve that the control cannot represent.
         """
 
     def render(
@@ -184,31 +187,32 @@ class Controller(Protocol):
         """Return the files for the control, with ``notes`` as comments at the head of every file
         that may hold comments.
 
-        Notes are plain ASCII, a line each. Raises ``SafetyError`` if a needed template is missing.
+        Each note is one line of plain ASCII. Raises ``SafetyError`` if a file of the machine that
+        serves as template is missing.
         """
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables as the control would read them from these files.
+        """Return the tables that the control would read from these files.
 
-        Raises ``DataError`` naming file and line for a foreign, damaged or incomplete file.
+        Raises ``DataError``, with file and line, for a foreign, damaged or incomplete file.
         """
 
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the active tables after loading ``new`` into a control that held ``own``; without
-        new files, the tables of ``own``.
+        """Return the tables that are active after loading the files ``new`` into a control with the
+        files ``own``; without new files, the tables of ``own``.
 
         A loaded table replaces the table in the same place (a number, a pair of axes or a file
-        name, by the rule of this control), and no other. Raises ``DataError`` as `parse` does.
+        name, by the rule of this control), and no other. Raises the ``DataError`` of `parse`.
         """
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the files that bring the control back to its state before ``tables`` were loaded.
 
-        The machine's own files byte for byte, and for every table missing in them a file that takes
-        it out of effect. Names are those of the control; ``profile`` carries the choices that the
-        planning of the tables made.
+        These are the machine's own files, byte for byte, and for every other table a file that
+        makes it ineffective. The file names are those of the control; ``profile`` contains the
+        choices of the planning.
         """
 
     def recognises(self, file: ControlFile) -> bool:
@@ -220,4 +224,4 @@ class Controller(Protocol):
         """
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
-        """Return the steps of a person who loads the files, in order, precautions first."""
+        """Return the steps for a person who loads the files, in order, with precautions first."""

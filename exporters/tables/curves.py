@@ -1,11 +1,11 @@
-"""From a result to neutral curves e(p): the error of an output axis as a function of the position
-of an input axis.
+"""Neutral curves e(p) from a result: the error of an output axis as a function of the position of
+an input axis.
 
 A curve is the error of the machine, in the + direction of the output axis, before any sense, unit
 or differencing of a controller: ``e = actual - commanded`` (contract 1). Nine curves describe a
 three-axis machine without its angular errors: three positioning errors and six straightness errors.
-Each squareness is a single number for two axes; as a displacement it may be included in the
-straightness of either axis of the pair, and in exactly one of them.
+Each squareness is a single number for two axes; as a displacement it is included in the
+straightness of exactly one axis of the pair.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,8 +23,8 @@ STRAIGHTNESS = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 FUNCTIONS = POSITIONING + STRAIGHTNESS
 """The nine functions that a table with an input and an output axis can correct."""
 SIGNIFICANT = 3.0
-"""Number of standard uncertainties beyond which a reversal at one of some ten positions is not
-chance.
+"""Number of standard uncertainties beyond which a reversal is significant: chance does not give it
+at one of some ten positions.
 """
 
 SQUARENESS_SLOPE: Mapping[str, Mapping[str, float]] = MappingProxyType(
@@ -34,29 +34,32 @@ SQUARENESS_SLOPE: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "A0Z": MappingProxyType({"EYZ": -1.0, "EZY": -1.0}),
     }
 )
-"""Slope in the straightness curve for one unit of squareness: the first of each pair is the
-displacement of contract 1 (dX = -C0Y y, dX = +B0Z z, dY = -A0Z z), the second the same after a
-rigid rotation of the workpiece."""
+"""Slope in the straightness curve for one unit of squareness: the first value of each pair is the
+displacement of contract 1 (dX = -C0Y y, dX = +B0Z z, dY = -A0Z z), the second value the
+displacement after a rigid rotation of the workpiece.
+"""
 
 FOLD_DEFAULT: Mapping[str, str] = MappingProxyType({"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"})
 FOLD_OTHER: Mapping[str, str] = MappingProxyType({"C0Y": "EYX", "B0Z": "EZX", "A0Z": "EZY"})
-"""The function that contains a squareness by default, and the other function of its pair."""
+"""The function that contains each squareness by default, and the other function of the same pair of
+axes.
+"""
 
 KEPT = "the table in the control"
-"""The part of a curve held by an old table of a function outside the request: it is written again
-unchanged.
+"""Name of the part of a curve that comes from an old table of a function that was not requested;
+this part is written again unchanged.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
-    """The error of an output axis along an input axis, as shown by ``name`` (``EYX``: Y error along
-    X).
+    """The error of an output axis along an input axis, which ``name`` states (``EYX``: Y error
+    along X).
 
     ``forward_um`` belongs to travel in the + direction of the input axis, ``reverse_um`` to the -
-    direction; None if the measurement does not separate them. ``u_um`` is the standard uncertainty,
-    NaN where unknown. ``parts`` names the summands. ``slope_known`` is False where only the shape
-    was identified and the end-point line is missing.
+    direction (None if the measurement does not separate the directions). ``u_um`` is the standard
+    uncertainty, NaN where unknown. ``parts`` names the summands of the curve. ``slope_known`` is
+    False if only the shape was identified and the end-point line is missing.
     """
 
     name: str
@@ -79,7 +82,7 @@ class Curve:
 
     @property
     def mean_um(self) -> Vector:
-        """Return the mean of both directions, shape of ``position_mm``."""
+        """Return the error in um as the mean of both directions, shape of ``position_mm``."""
         return (
             self.forward_um
             if self.reverse_um is None
@@ -87,15 +90,17 @@ class Curve:
         )
 
     def at(self, position_mm: Vector, direction: int = 0) -> Vector:
-        """Return the error in um at positions, linear between the nodes and held outside them.
+        """Return the error in um at positions: linear between the nodes, and the value of the end
+        node outside.
 
         ``direction`` is +1 or -1 for the travel of the input axis, 0 for the mean of both.
         """
         return np.interp(position_mm, self.position_mm, self.toward(direction))
 
     def toward(self, direction: int) -> Vector:
-        """Return the node values for travel in ``direction`` (+1, -1, or 0 for the mean of
-        both)."""
+        """Return the values at the nodes for travel in ``direction`` (+1, -1, or 0 for the mean of
+        both).
+        """
         if self.reverse_um is None:
             return self.forward_um
         return (self.mean_um, self.forward_um, self.reverse_um)[direction]
@@ -108,8 +113,8 @@ def curves_of(
     in ``fold``.
 
     Raises ``DataError`` for a function or squareness that the result does not identify, and
-    ``UsageError`` for a name outside the functions of a three-axis machine or a fold into a
-    function of another pair.
+    ``UsageError`` for a name that is no function of a three-axis machine, or if ``fold`` names a
+    function of another pair of axes.
     """
     if len(set(names)) != len(names):
         raise UsageError(
@@ -122,7 +127,7 @@ def curves_of(
 def _folded_slopes(
     result: Result, names: Sequence[str], fold: Mapping[str, str]
 ) -> dict[str, dict[str, float]]:
-    """Return, per function, the slope in um/mm added by each squareness."""
+    """Return, by function, the slope in um/mm that each squareness adds."""
     slopes: dict[str, dict[str, float]] = {}
     for squareness, target in fold.items():
         pair = SQUARENESS_SLOPE.get(squareness, {})
@@ -181,11 +186,12 @@ def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
 
 
 def _significant(name: str, reversal: Function) -> bool:
-    """Return whether a reversal is significant somewhere, and complete in the axis' own direction.
+    """Return whether a reversal is significant at any position, and for a positioning function also
+    complete.
 
-    If the passes share no zero, a positioning function's reversal is known only from its first
-    position on (u = 0 there): a table per direction would omit its constant part, while the
-    backlash parameter is zero.
+    If the passes share no zero, a positioning function's reversal is only known relative to its
+    first position (u = 0 there). Tables for each direction would omit the constant part, although
+    the backlash parameter is zero.
     """
     if reversal.u is None or reversal.value is None:
         return reversal.value is not None
@@ -196,8 +202,8 @@ def _significant(name: str, reversal: Function) -> bool:
 
 
 def _half_reversal(result: Result, name: str, position_mm: Vector) -> Vector | None:
-    """Return half of (approach in + minus approach in -) at the positions; None where the data do
-    not give it, or it is not significant.
+    """Return half of the reversal (approach in + minus approach in -) at the positions; None if the
+    reversal is unknown or not significant.
     """
     reversal = result.reversal.get(name)
     if reversal is None or reversal.value is None or not _significant(name, reversal):

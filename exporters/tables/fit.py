@@ -1,17 +1,17 @@
 """The curves and products that fit the error field over the volume best, in the sense of least
 squares.
 
-A table of an axis is a single curve for the whole volume, but an angular error moves the tool by
-its lever: it has one size on the line of the measurement and another on the opposite edge. Written
-out, the field of rigid bodies (theory 2.2) is a sum of curves and of terms ``alpha(a) (b - b_0)``,
-an angle of axis a times a lever along axis b. With bars for the mean over the volume,
+A table of an axis is a single curve for the whole volume, but an angular error moves the tool by a
+lever: the movement on the line of the measurement and the movement on the opposite edge differ. The
+field of rigid bodies (theory 2.2) is a sum of curves and of terms ``alpha(a) (b - b_0)``, an angle
+of axis a times a lever along axis b. With bars for the mean over the volume,
 
     alpha(a) (b - b_0) = alpha(a) (b_bar - b_0)  +  alpha_bar (b - b_bar)  +  (alpha(a) - alpha_bar)
     (b - b_bar)
 
-The first two summands are curves. The third is orthogonal to every curve, so that the curves with
-the first two added are the best fit of the whole field, and only a control with products of two
-tables, or with a lattice, can hold the third.
+The first two summands are curves. The third summand is orthogonal to every curve. So the curves
+with the first two summands added are the best fit of the whole field, and only a control with
+products of two tables, or with a lattice, can correct the third summand.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,11 +36,13 @@ from stepdiag.exporters.tables.tables import Table
 _LETTERS = "XYZ"
 _TURNS = "ABC"
 _FINE = 401
-"""Points over which a mean along an axis is taken."""
+"""Number of points over which a mean along an axis is taken."""
 _BENT = 4
-"""Number of sections between two nodes where an angle times its own axis is not a straight line."""
+"""Number of straight sections between two nodes for an angle times the travel of its own axis,
+because this product is not straight.
+"""
 _NOTHING_UM = 1e-3
-"""A product that moves the tool by less than a nanometre is ignored."""
+"""Largest movement in um (a nanometre) of a product that is ignored."""
 
 Zone = Mapping[str, tuple[float, float]]
 """The zone of the best fit, by axis letter: lowest and highest position in mm."""
@@ -48,12 +50,13 @@ Zone = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
-    """The part of the error that only the product of two tables can hold: ``value_um`` along the
+    """The part of the error that only the product of two tables can correct: ``value_um`` along the
     input axis, times a lever along ``by_axis``.
 
     The error of the output axis is ``value_um * (b - middle_mm) / half_mm``: ``value_um`` is the
-    error at the end of the fitted zone along ``by_axis``. ``rms_um`` is its root mean square over
-    this zone: the residue without the product. ``u_um`` is the standard uncertainty.
+    error at the end of the fitted zone along ``by_axis``. ``rms_um`` is the root mean square of the
+    product's error over this zone, which remains without the product. ``u_um`` is the standard
+    uncertainty of ``value_um``.
     """
 
     output_axis: str
@@ -68,14 +71,15 @@ class Product:
 
     @property
     def name(self) -> str:
-        """Return the function and the lever, as ``EYX*Z``: the error of Y along X, growing with
-        Z."""
+        """Return the function and the lever, such as ``EYX*Z``: the error of Y along X that grows
+        with Z.
+        """
         return f"E{self.output_axis}{self.input_axis}*{self.by_axis}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
-    """The curves to write and the products, the most valuable first."""
+    """The curves to write, and the products with the most valuable product first."""
 
     curves: tuple[Curve, ...]
     products: tuple[Product, ...] = ()
@@ -83,8 +87,9 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Term:
-    """One ``alpha(a) (b - b_0)``: ``per_mm_um`` along the input axis is the error in um for one mm
-    of lever."""
+    """One term ``alpha(a) (b - b_0)``: ``per_mm_um`` along the input axis is the error in um for
+    one mm of lever.
+    """
 
     output: int
     input: int
@@ -129,13 +134,15 @@ def fitted(
 
 
 def straight_line_um_mm(curve: Curve) -> float:
-    """Return the slope of the straight line that fits the mean of a curve best."""
+    """Return the slope in um/mm of the straight line that fits the mean of both directions of a
+    curve best.
+    """
     return line_um_mm(curve.position_mm, curve.mean_um)
 
 
 def line_um_mm(position_mm: Vector, value_um: Vector) -> float:
-    """Return the slope of the straight line that fits values best, with equal weight for every part
-    of their length.
+    """Return the slope in um/mm of the straight line that fits some values best, with equal weight
+    for equal lengths.
     """
     at = np.linspace(position_mm[0], position_mm[-1], _FINE)
     from_middle = at - np.mean(at)
@@ -148,7 +155,7 @@ def _pairs() -> Iterator[tuple[str, str]]:
 
 
 def _ends(volume: Volume, zone: Zone) -> list[tuple[float, float]]:
-    """Return the ends of the zone along each axis: as given, but inside the measured volume."""
+    """Return the ends of the zone along each axis, limited to the measured volume."""
     ends = []
     for index, letter in enumerate(_LETTERS):
         low, high = volume.origin_mm[index], volume.origin_mm[index] + volume.size_mm[index]
@@ -197,7 +204,9 @@ def _angular(result: Result) -> Iterator[_Term]:
 
 
 def _of_table(table: Table) -> _Term:
-    """Return the error that an active product table has hidden."""
+    """Return the term of the error that an active product table has corrected during the
+    measurement.
+    """
     if table.multiplier is None or not table.multiplier.is_straight:
         raise UsageError(
             table.label,
@@ -230,14 +239,14 @@ def _mean(term: _Term, ends: Sequence[tuple[float, float]]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Added:
-    """The levers' addition to a curve, zero at its first position."""
+    """The values that the levers add to a curve, zero at the first position."""
 
     position_mm: Vector
     value_um: Vector
     u_um: Vector
 
     def sloped(self, um_per_mm: float) -> "_Added":
-        """Return the addition with one straight line more."""
+        """Return these values with a straight line of the slope ``um_per_mm`` added."""
         return replace(
             self,
             value_um=self.value_um + um_per_mm * (self.position_mm - self.position_mm[0]),
@@ -245,8 +254,9 @@ class _Added:
 
     @property
     def slope(self) -> float:
-        """Return the slope of the end-point line in um per mm, 0 for an axis that did not
-        travel."""
+        """Return the slope of the values' end-point line in um per mm, 0 for an axis that did not
+        travel.
+        """
         length_mm = float(self.position_mm[-1] - self.position_mm[0])
         return float(self.value_um[-1] - self.value_um[0]) / length_mm if length_mm else 0.0
 
@@ -258,7 +268,9 @@ def _added(
     ends: Sequence[tuple[float, float]],
     result: Result,
 ) -> _Added:
-    """Return the sum of the first two summands of all terms along one axis."""
+    """Return the sum of the first two summands of all terms that move ``output`` along the axis
+    ``moving``.
+    """
     index = _LETTERS.index(moving)
     at = np.unique(
         np.concatenate(
@@ -292,8 +304,8 @@ def _added(
 
 
 def _folded(added: Mapping[str, _Added], fold: Mapping[str, str]) -> dict[str, _Added]:
-    """Return the additions with the slopes of each pair of axes in the curve named by ``fold``: the
-    rest is a turn of the workpiece.
+    """Return the added values, with the slopes of both curves of a pair moved into the curve that
+    ``fold`` names: this only rotates the workpiece.
     """
     result = dict(added)
     for squareness, target in fold.items():
@@ -308,7 +320,9 @@ def _folded(added: Mapping[str, _Added], fold: Mapping[str, str]) -> dict[str, _
 
 
 def _with(curve: Curve, added: _Added, sources: tuple[str, ...]) -> Curve:
-    """Return the curve plus the levers' addition; the unchanged curve without an addition."""
+    """Return the curve plus the values that the levers add; the unchanged curve if no lever adds a
+    value.
+    """
     if not sources:
         return curve
     at = np.unique(np.concatenate([curve.position_mm, added.position_mm]))
@@ -327,7 +341,7 @@ def _with(curve: Curve, added: _Added, sources: tuple[str, ...]) -> Curve:
 
 
 def _sources(terms: Sequence[_Term], name: str) -> tuple[str, ...]:
-    """Return the angular functions whose levers contribute to a curve; a slope may come from the
+    """Return the angular functions whose levers change a curve, directly or by the slope of the
     other curve of the pair.
     """
     output, moving = (_LETTERS.index(letter) for letter in name[1:])
@@ -343,7 +357,9 @@ def _sources(terms: Sequence[_Term], name: str) -> tuple[str, ...]:
 def _products(
     terms: Sequence[_Term], ends: Sequence[tuple[float, float]]
 ) -> Iterator[Product]:
-    """Yield the third summand of the terms, joined for terms with the same three axes."""
+    """Yield the third summands of the terms as products; terms with the same three axes form one
+    product.
+    """
     keys = dict.fromkeys(
         (term.output, term.input, term.by) for term in terms if term.by != term.input
     )

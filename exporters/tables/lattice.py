@@ -1,9 +1,9 @@
 """The correction as a lattice of vectors: the neutral form for volumetric compensation (FANUC 3-D
 and others), as CSV.
 
-Every vertex holds the displacement to ADD to the command, minus the error field of the result with
-its Abbe arms: only this form can hold the full effect of the angular errors. Between the vertices a
-control interpolates linearly in three directions (A-79351E p. 3).
+Every vertex contains the displacement to ADD to the command: the negative error field of the
+result, with its Abbe arms. Only this form contains the full effect of the angular errors. Between
+the vertices a control interpolates linearly in three directions (A-79351E p. 3).
 """
 
 import math
@@ -25,20 +25,24 @@ from stepdiag.exporters.tables.profile import whole_steps
 NAME = "lattice"
 HEADER = "x_mm,y_mm,z_mm,cx_um,cy_um,cz_um"
 _DECIMALS = 3
-"""Decimals of a vector in um: a nanometre, below the resolution of every control."""
+"""Number of decimal places of a vector in um: the last place is a nanometre, below the resolution
+of every control.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lattice:
-    """Vertices at all combinations of three ascending axes; ``vectors_um`` has shape (nx, ny, nz,
-    3)."""
+    """The vertices of a lattice, at all combinations of three lists of ascending positions;
+    ``vectors_um`` has the shape (nx, ny, nz, 3).
+    """
 
     axes_mm: tuple[Vector, Vector, Vector]
     vectors_um: Vector
 
     def correction_um(self, points_mm: Vector) -> Vector:
         """Return the trilinear correction at points, shape (N, 3); outside the lattice the values
-        of its faces are held."""
+        of the nearest face are used.
+        """
         total = np.zeros(points_mm.shape)
         cells = [_cell(axis, points_mm[:, index]) for index, axis in enumerate(self.axes_mm)]
         for corner in np.ndindex(2, 2, 2):
@@ -57,8 +61,8 @@ class Lattice:
 def _cell(
     axis: Vector, at: Vector
 ) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.int64]], Vector]:
-    """Return the lower vertex of the cell of each position, and the position within the cell (0 to
-    1).
+    """Return, along one axis, the index of the lower vertex of each position's cell, and the
+    position within the cell (0 to 1).
     """
     inside = np.clip(at, axis[0], axis[-1])
     low = np.clip(np.searchsorted(axis, inside, side="right") - 1, 0, len(axis) - 2).astype(
@@ -68,9 +72,10 @@ def _cell(
 
 
 def lattice_of(result: Result, step_mm: float | Sequence[float]) -> Lattice:
-    """Return the lattice over the measured volume in steps, a common step or one per axis.
+    """Return the lattice over the measured volume, with one step for all axes or one for each axis.
 
-    Raises ``SafetyError`` for a step that does not fit, ``DataError`` for axes measured alone.
+    Raises ``SafetyError`` for a step that does not divide the travel, ``DataError`` for a survey of
+    axes without a volume.
     """
     if not result.volume.solid:
         raise DataError(
@@ -96,10 +101,10 @@ def lattice_of(result: Result, step_mm: float | Sequence[float]) -> Lattice:
 def lattice_on(
     result: Result, axes_mm: tuple[Vector, Vector, Vector], active: Lattice | None = None
 ) -> Lattice:
-    """Return the lattice on these axes, to a nanometre; points outside the measured volume have the
-    error of its nearest point.
+    """Return the lattice at the given positions of the axes, rounded to a nanometre; a vertex
+    outside the measured volume has the error of the nearest point in the volume.
 
-    ``active`` is the lattice that was active during the measurement; the new one replaces it.
+    ``active`` is the lattice that was active during the measurement; the new lattice replaces it.
     """
     points = np.stack(np.meshgrid(*axes_mm, indexing="ij"), axis=-1).reshape(-1, 3)
     low = np.asarray(result.volume.origin_mm)
@@ -115,7 +120,9 @@ def lattice_on(
 
 
 def render(lattice: Lattice) -> ControlFile:
-    """Return ``lattice.csv``: one row a vertex, z fastest, vectors to a nanometre."""
+    """Return the file ``lattice.csv``: one row for each vertex, in the order in which z changes
+    fastest, with vectors rounded to a nanometre.
+    """
     rows = [HEADER]
     for index in np.ndindex(lattice.vectors_um.shape[:3]):
         place = [
@@ -138,8 +145,8 @@ def recognises(file: ControlFile) -> bool:
 
 
 def the_one_in(files: Sequence[ControlFile], where: str) -> ControlFile:
-    """Return the lattice that was active. Raises ``SafetyError`` where ``files`` contain another
-    compensation.
+    """Return the file of the lattice that was active. Raises ``SafetyError`` if ``files`` contain
+    another compensation.
     """
     given = [file for file in files if recognises(file)]
     if len(files) != 1 or not given:
@@ -154,8 +161,9 @@ def the_one_in(files: Sequence[ControlFile], where: str) -> ControlFile:
 
 
 def parse(file: ControlFile) -> Lattice:
-    """Return the lattice in a file. Raises ``DataError`` with the line where it is damaged, or for
-    a lattice with holes."""
+    """Return the lattice in a file. Raises ``DataError``, with the line, for a damaged file, and
+    for a lattice with missing vertices.
+    """
     rows = number_rows(file, HEADER, message("six-numbers"))
     axes = tuple(np.unique(rows[:, index]) for index in range(3))
     shape = tuple(len(axis) for axis in axes)

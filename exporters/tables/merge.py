@@ -1,10 +1,10 @@
 """Merging a new measurement with the table active during the measurement (controllers.md 9).
 
 The residual r was measured WITH the old correction A_old; without A_old the error would have been e
-= r - A_old. A new table for e replaces the old one. The formula holds for every sense and for
-incremental data, because A_old is the control's effect by its law. Old and new are treated as
-functions and evaluated on the new grid; the planning shifts the result to zero at the reference and
-quantises once.
+= r - A_old. A new table for e replaces the old table. The formula is valid for every sense and for
+incremental data, because A_old is the movement by the control's law. Old and new error are
+evaluated as functions on the new grid; the planning shifts the sum to zero at the reference and
+quantises it once.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from stepdiag.exporters.tables.tables import Table, joined, steps_um, summed_um
 def merged(
     curves: Sequence[Curve], active: Sequence[Table], profile: Profile
 ) -> tuple[Curve, ...]:
-    """Return the curves of the machine without the ``active`` tables.
+    """Return the curves that the machine would have without the ``active`` tables.
 
     Raises ``SafetyError`` (``direction-unfit.active``) if an active table acts in a single
     direction and the new table would act in both.
@@ -61,11 +61,12 @@ def _merged(curve: Curve, active: Sequence[Table], profile: Profile) -> Curve:
 def _without(
     curve: Curve, active: Sequence[Table], grid_mm: Vector, direction: int
 ) -> Vector:
-    """Return the error of the bare machine on a grid.
+    """Return the error of the machine without its tables on a grid.
 
-    The residual is known at the measured positions, including the control's action there: its
-    steps, if it compensates in steps. So the steps are subtracted at these positions, before the
-    points are joined by straight lines; the old table between them is kept in full.
+    The residual is known at the measured positions, where it contains the movement by the control
+    (in steps, if the table acts in steps). So the steps are subtracted at these positions before
+    straight lines join the points; then the old table, with its points joined by straight lines, is
+    subtracted on the whole grid.
     """
     measured = curve.position_mm
     smooth = curve.toward(direction) - steps_um(active, measured, direction)

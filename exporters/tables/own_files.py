@@ -1,5 +1,5 @@
-"""Back to the earlier state of a control whose tables are lists: its own files, and zeros for the
-tables that they lack.
+"""Restore files of a control whose tables are lists: the machine's own files, and zeros for tables
+that these do not contain.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -18,8 +18,8 @@ def lacking(
     profile: Profile,
     place: Callable[[Table], Hashable],
 ) -> tuple[Table, ...]:
-    """Return, with all values zero, the ``tables`` whose ``place`` is in none of the machine's own
-    files.
+    """Return those ``tables`` whose ``place`` is in none of the machine's own files, with all
+    values zero.
     """
     held = (
         {place(table) for table in controller.parse(profile.existing, profile)}
@@ -35,8 +35,8 @@ def own_and_zeros(
     profile: Profile,
     place: Callable[[Table], Hashable],
 ) -> tuple[ControlFile, ...]:
-    """Return the machine's own files, and files of zeros for the tables whose ``place`` they
-    lack.
+    """Return the machine's own files, and files of zeros for the tables whose ``place`` is in none
+    of these.
     """
     zeros = lacking(controller, tables, profile, place)
     rendered = controller.render(zeros, profile, (NO_TABLE_BEFORE,)) if zeros else ()

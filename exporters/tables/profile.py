@@ -1,7 +1,8 @@
 """The controller profile: every fact about a machine that an export must not guess.
 
-A profile is a TOML file. A field without a default is a question: the template holds ``"?"`` in its
-place, and an unanswered question refuses the profile (`exporters.profiles.file` reads it).
+A profile is a TOML file. A field without a default is a question: the template contains ``"?"`` in
+its place, and a profile with an unanswered question is refused (`exporters.profiles.file` reads
+profiles).
 """
 
 import json
@@ -23,27 +24,29 @@ from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 Options = TypeVar("Options", bound=msgspec.Struct)
 MOST_EXISTING = 64
-"""The own files that a machine may have."""
+"""Largest number of own files of a machine in a profile."""
 NEARLY_MM = 0.01
-"""Largest difference of a travel from whole steps, for a step of 1 mm or more."""
+"""Largest difference in mm of a travel from a whole number of steps, for steps of 1 mm or more."""
 MOST_SECTIONS = 20_000
-"""Largest number of sections of one axis: 20 m in millimetres; no control has as many."""
+"""Largest number of steps along one axis (20 m in steps of 1 mm), more than any control has."""
 WARN_UM_M = 400.0
 """Largest errors that grow with the travel, on a poor machine (k = 3): squareness 100 urad or scale
 50 um/m, growth 60 um/m, and a hall 5 C from 20 C (`CLASSES`). A correction above this limit needs
 acceptance, a correction above twice the limit is refused.
 """
 CHANGE_UM_M = 80.0
-"""Growth of a poor machine (60 um/m, k = 1) and its drift."""
+"""Largest change of a table between two surveys that needs no acceptance, in um/m: growth of a poor
+machine (60 um/m, k = 1) and drift.
+"""
 SHORTEST_TRAVEL_MM = 500.0
-"""Reversal, straightness and screw waves do not decrease with the travel: shorter travels have the
-limits of this travel, 200, 400 and 40 um.
+"""Travel in mm below which the limits do not decrease further (200, 400 and 40 um): reversal,
+straightness and screw waves do not decrease with the travel.
 """
 AxisName = Annotated[
     str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}\Z", description="name-of-letters")
 ]
-"""Files for the control contain the name, and file names too: its characters must have no other
-meaning there.
+"""Name of an axis in the control: files and file names contain it, so its characters must have no
+other meaning there.
 """
 Line = Annotated[
     str,
@@ -60,7 +63,7 @@ PlainPath = Annotated[
 
 
 class MachineSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[machine]``: the machine, its control, and its state during the measurement."""
+    """The section ``[machine]``: the machine, its control, and its state during the measurement."""
 
     name: Line
     controller: str
@@ -76,7 +79,9 @@ class MachineSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
 
 
 class AxisSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[axes.X]``: name, grid, reference and travel of one axis, in machine coordinates."""
+    """The section ``[axes.X]``: name, grid, reference and travel of one axis, in machine
+    coordinates.
+    """
 
     name: AxisName
     step_mm: Positive
@@ -89,10 +94,11 @@ class AxisSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_on
 
 
 class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[limits]``: the limits of the safety checks for warning and refusal (controllers.md 10).
+    """The section ``[limits]``: the limits at which safety checks warn or refuse (controllers.md
+    10).
 
-    None for a size: the limit grows with the travel, as errors do. None for the slope: the
-    control's own limit, or a plausible one without it.
+    None for a size means that the limit grows with the travel, as errors do; None for the slope
+    means the control's own limit, or without such a limit a plausible slope.
     """
 
     value_um: Positive | None = None
@@ -102,7 +108,7 @@ class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_
     points: Annotated[int, msgspec.Meta(ge=2)] | None = None
 
     def at(self, travel_mm: float) -> "TravelLimits":
-        """Return the limits of sizes for a travel in mm, in um; a limit stated in the profile has
+        """Return the limits in um for a travel in mm; a limit that the profile states has
         priority.
         """
         warn, change = (
@@ -118,8 +124,8 @@ class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TravelLimits:
-    """Limits of one table, in um: of the correction, of a correction without acceptance, of the
-    change from the table in the control.
+    """Limits of one table, in um: for the correction, for a correction without acceptance, and for
+    the change from the table in the control.
     """
 
     value_um: float
@@ -128,11 +134,11 @@ class TravelLimits:
 
 
 class SignTestRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """A ``[[sign_test]]`` of a kind of table: the date of the test of its sense, machine, files,
-    and result.
+    """The section ``[[sign_test]]`` of a kind of table: date, machine, files and result of the test
+    of its sense.
 
-    A test that does not name machine, control, bump and runs is read and may contradict, but is no
-    evidence.
+    A test without machine, control, bump and runs is no evidence for the sense, but it may
+    contradict it.
     """
 
     kind: str
@@ -165,8 +171,8 @@ def _toml(value: str | date | list[str]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """A validated profile. ``existing`` are the machine's own files, byte for byte; ``assumed``:
-    the profile is a stand-in for a provisional export with ``--step-mm`` only.
+    """A validated profile. ``existing`` are the machine's own files, byte for byte; ``assumed`` is
+    true for the assumed profile of a provisional export.
     """
 
     machine: MachineSection
@@ -179,8 +185,9 @@ class Profile:
     source: str = "profile"
 
     def options_as(self, model: type[Options]) -> Options:
-        """Return the controller's own section as its model. Raises ``UsageError`` for another
-        controller's profile."""
+        """Return the options in the section of a controller. Raises ``UsageError`` for the profile
+        of another controller.
+        """
         if not isinstance(self.options, model):
             raise UsageError(
                 f"{self.source}: machine.controller",
@@ -210,8 +217,9 @@ class Profile:
         }
 
     def letter_of(self, name: str, where: str) -> str:
-        """Return X, Y or Z for an axis name of the control. Raises ``UsageError`` naming ``where``
-        for a foreign name."""
+        """Return X, Y or Z for an axis name of the control. Raises ``UsageError``, with the place
+        ``where``, for a foreign name.
+        """
         names = {axis.name: letter for letter, axis in self.axes.items()}
         if name not in names:
             raise UsageError(
@@ -223,8 +231,9 @@ class Profile:
         return names[name]
 
     def grid_mm(self, letter: str) -> Vector:
-        """Return the table positions of an axis, ascending. Raises ``SafetyError`` where the step
-        does not fit."""
+        """Return the ascending table positions of an axis in mm. Raises ``SafetyError`` for a step
+        that does not divide the travel.
+        """
         axis = self.axis(letter)
         if axis.start_mm is None or axis.end_mm is None:
             remedy = message("start-end-from")
@@ -257,17 +266,18 @@ class Profile:
         return grid
 
     def grid_words(self, letter: str) -> str:
-        """Return ends and step of the table positions of an axis in words."""
+        """Return a text with the ends and the step of the table positions of an axis."""
         grid = self.grid_mm(letter)
         return f"{grid[0]:g} to {grid[-1]:g} mm, step {self.axis(letter).step_mm:g}"
 
 
 def whole_steps(travel_mm: float, step_mm: float) -> int | None:
-    """Return the number of steps in a travel, None where it is not a whole number (controllers.md
-    3.2: (MAX - MIN) / STEP must be an integer; a control accepts less, and then holds old values).
+    """Return the number of steps in a travel, None if it is not a whole number (controllers.md 3.2:
+    (MAX - MIN) / STEP must be an integer; a control also accepts another number, and then keeps old
+    values).
 
-    The positions of a survey change the travel slightly: by one digit of an encoder, or by G91 in a
-    program of few decimals, which accumulates.
+    Positions of a survey may make the travel slightly longer or shorter: by a digit of an encoder,
+    or by the rounding that incremental moves (G91) of few decimals accumulate.
     """
     count = round(travel_mm / step_mm)
     near = abs(travel_mm - count * step_mm) <= max(

@@ -1,4 +1,6 @@
-"""Reading tables from files, each once: a table in two active files would be counted twice."""
+"""The reading of tables from files: a table in two active files would act twice, so it is
+refused.
+"""
 
 from collections.abc import Sequence
 
@@ -13,8 +15,8 @@ from stepdiag.exporters.tables.tables import Table
 def tables_in(
     controller: Controller, files: Sequence[ControlFile], profile: Profile
 ) -> tuple[Table, ...]:
-    """Return the tables as read by the control. Raises ``DataError`` for a table that occurs twice,
-    for example in a file and its copy.
+    """Return the tables that the control reads from files. Raises ``DataError`` for a table that
+    occurs twice, for example in a file and in a copy of this file.
     """
     tables = controller.parse(files, profile)
     seen: set[object] = set()

@@ -1,5 +1,6 @@
-"""From a curve to the values of a table: sampled on the profile's grid, zero at the reference,
-quantised once."""
+"""The values of a table from a curve: sampled on the profile's grid, zero at the reference,
+quantised once.
+"""
 
 import numpy as np
 
@@ -10,12 +11,12 @@ from stepdiag.exporters.tables.tables import Law, Table
 
 
 def sampled_um(curve: Curve, profile: Profile) -> tuple[Vector, Vector, Vector]:
-    """Return grid (mm), error when travelling in + and in - (um); the error in + is zero at the
-    axis' reference position.
+    """Return the grid in mm, and the errors for travel in + and in - in um; the error in + is zero
+    at the reference position of the axis.
 
-    With ``machine.direction = "mean"`` both directions hold the mean. The value at the reference in
-    - is then the reversal there. The zero is that of the interpolated table, not of the curve: the
-    reference need not be a point of the grid.
+    With ``machine.direction = "mean"`` both errors are the mean; otherwise the error in - is not
+    zero at the reference, but the reversal there. The interpolated table is zero at the reference,
+    not the curve: the reference need not be a point of the grid.
     """
     grid = profile.grid_mm(curve.input_axis)
     if profile.machine.direction == "mean":
@@ -27,12 +28,12 @@ def sampled_um(curve: Curve, profile: Profile) -> tuple[Vector, Vector, Vector]:
 
 
 def is_directional(curve: Curve, profile: Profile) -> bool:
-    """Return whether the table needs a column per direction of travel."""
+    """Return whether the table of a curve needs a column for each direction of travel."""
     return profile.machine.direction == "both" and curve.reverse_um is not None
 
 
 def quantised(value_um: Vector, quantum_um: float) -> Vector:
-    """Return values as whole units of ``quantum_um``, never a negative zero."""
+    """Return the values rounded to whole units of ``quantum_um``, without negative zeros."""
     return np.asarray(np.round(np.asarray(value_um) / quantum_um) * quantum_um + 0.0)
 
 
@@ -45,8 +46,8 @@ def absolute_tables(
     quantum_um: float,
     place: dict[str, int | str],
 ) -> tuple[Table, ...]:
-    """Return a table for a curve, or one per direction (+ first), for controls with absolute
-    values.
+    """Return the table of a curve, or two tables for two directions (+ first), for controls with
+    absolute values.
     """
     grid, forward, reverse = sampled_um(curve, profile)
     ways = (

@@ -1,5 +1,5 @@
-"""The contents of a control after files have been loaded over others: a table in the same place is
-overwritten, the others stay.
+"""The contents of a control after new files have been loaded over old files: a new table overwrites
+the old table in the same place, and all other old tables stay.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
@@ -12,16 +12,16 @@ from stepdiag.exporters.tables.tables import Table
 def overwritten(
     own: Iterable[Table], new: Sequence[Table], seat: Callable[[Table], Hashable]
 ) -> tuple[Table, ...]:
-    """Return the tables of a control with a table (or a set) per ``seat``: the new tables, and old
-    tables of other seats.
+    """Return the tables of a control after loading: the new tables, and the old tables of every
+    ``seat`` (place in the control) that no new table has.
     """
     taken = {seat(table) for table in new}
     return (*(table for table in own if seat(table) not in taken), *new)
 
 
 def copied(own: Iterable[ControlFile], new: Iterable[ControlFile]) -> tuple[ControlFile, ...]:
-    """Return the files of a folder after ``new`` were copied over ``own``: the later of each name,
-    without the suffixes of exports.
+    """Return the files of a folder after the files ``new`` were copied over ``own``: of files with
+    the same name (without the suffixes of exports) the later one.
     """
     held = {plain_name(file.name).upper(): file for file in own}
     return tuple({**held, **{plain_name(file.name).upper(): file for file in new}}.values())

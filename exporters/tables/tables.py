@@ -1,7 +1,7 @@
-"""A compensation table in a control, the law from its numbers to movement, and its file.
+"""A compensation table in a control, and the law that gives the movement from the table's numbers.
 
-A single function, ``correction_um``, applies every law, so that a new controller states its
-behaviour as data and cannot hide a sign.
+A single function, ``correction_um``, applies every law, so that a new controller module states the
+behaviour of its control as data and cannot hide a sign.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -33,7 +33,7 @@ _SPOTS: Mapping[str, Message] = {
     "column": message("spot-column"),
     "set": message("spot-set"),
 }
-"""The place of a table in its control or file, in words."""
+"""Names, in messages, of the parts of a table's place in the control or in a file."""
 
 
 _LAW_WORDS = {
@@ -49,7 +49,7 @@ _LAW_WORDS = {
 
 
 _LEVER = 1e-6
-"""Multipliers are numbers about 1."""
+"""Tolerance for the difference of two multipliers, whose values are about 1."""
 
 
 def _spot(what: str) -> Words:
@@ -61,10 +61,10 @@ class Law:
     """The law by which a control applies a table (controllers.md 1).
 
     ``sense``: a positive value moves the output axis in - (``as-error``) or in +
-    (``as-compensation``). ``data``: values are absolute, or are the change since the previous
-    point, read in the + direction. ``between``: interpolated linearly, or stepped: the value
-    changes when its point is passed. ``ends``: outside the table the end value is held, or the end
-    section is extended as a straight line.
+    (``as-compensation``). ``data``: values are absolute, or are the change from the previous point
+    in the + direction. ``between``: values are interpolated linearly, or change in a step when the
+    axis passes a point. ``ends``: outside the table the control uses the end value, or extends the
+    end section as a straight line.
     """
 
     sense: Sense
@@ -74,12 +74,12 @@ class Law:
 
     @property
     def factor(self) -> int:
-        """Return the movement per table value: -1 as error, +1 as compensation."""
+        """Return the movement for a table value of one: -1 for an error, +1 for a compensation."""
         return -1 if self.sense == "as-error" else 1
 
     @property
     def words(self) -> Message:
-        """Return the law in one sentence."""
+        """Return a sentence that describes the law."""
         parts = [
             _LAW_WORDS[part] for part in (self.sense, self.data, self.between, self.ends)
         ]
@@ -91,9 +91,9 @@ class Law:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Multiplier:
     """The factor by which a control multiplies a table: a function of another axis without a unit,
-    1 at its largest; linear between its points.
+    with the largest value 1, linear between its points.
 
-    Outside its points it is held or extended by ``ends``.
+    Outside the points the factor keeps its end value or is extended, by ``ends``.
     """
 
     axis: str
@@ -102,7 +102,7 @@ class Multiplier:
     ends: Literal["held", "extended"] = "held"
 
     def at(self, position_mm: Vector) -> Vector:
-        """Return the factor at positions of its axis."""
+        """Return the factor at positions of the multiplier's axis."""
         inside = np.interp(position_mm, self.position_mm, self.value)
         return (
             _extended(position_mm, self.position_mm, self.value, inside)
@@ -112,7 +112,7 @@ class Multiplier:
 
     @property
     def is_straight(self) -> bool:
-        """Return whether its points lie on one straight line."""
+        """Return whether the points of the multiplier lie on a straight line."""
         slope, zero_mm = self.line
         return slope != 0.0 and bool(
             np.allclose(self.value, slope * (self.position_mm - zero_mm), rtol=0, atol=1e-3)
@@ -120,8 +120,8 @@ class Multiplier:
 
     @property
     def line(self) -> tuple[float, float]:
-        """Return slope per mm of the line through its ends, and the position in mm where the line
-        is zero (0 and 0 without one).
+        """Return the slope per mm of the line through the ends of the multiplier, and the position
+        in mm where this line is zero (0 and 0 for a line without a slope).
         """
         slope = float(
             (self.value[-1] - self.value[0]) / (self.position_mm[-1] - self.position_mm[0])
@@ -139,11 +139,11 @@ class Table:
 
     ``value_um`` are the written values in um, one per ``position_mm`` (ascending); with incremental
     data the first is 0, because there is no point before it. ``quantum_um`` is the unit of the
-    written numbers. ``direction``: 0 the table acts in both directions of travel of the input axis,
-    +1 or -1 in a single direction. ``reference_mm`` is the start of an incremental table's count,
-    and ``offset_um`` its value there. ``place`` is its place in the control (table index, measuring
-    system, first point number), in the controller's own words. With a ``multiplier`` the table acts
-    as a product: the values hold for a multiplier of 1.
+    written numbers. A table with ``direction`` 0 acts in both directions of travel of the input
+    axis, with +1 or -1 in one direction. An incremental table counts from ``reference_mm``, where
+    its value is ``offset_um``. ``place`` is the place of the table in the control (table index,
+    measuring system, first point number), in the controller's own words. With a ``multiplier`` the
+    table acts as a product: its values are those for a multiplier of 1.
     """
 
     kind: str
@@ -161,14 +161,15 @@ class Table:
 
     @property
     def name(self) -> str:
-        """Return the ISO 230-1 name of the function that the table corrects, for example EYX; of a
-        product as ``EYX*Z``."""
+        """Return the ISO 230-1 name of the function that the table corrects, such as EYX; for a
+        product a name such as ``EYX*Z``.
+        """
         by = "" if self.multiplier is None else f"*{self.multiplier.axis}"
         return f"E{self.output_axis}{self.input_axis}{by}"
 
     @property
     def label(self) -> Message:
-        """Return a name for messages: function, kind, direction and place."""
+        """Return the name of the table in messages: function, kind, direction and place."""
         way = (
             [message("table-direction", sign=f"{self.direction:+d}"[0])]
             if self.direction
@@ -194,8 +195,9 @@ class Table:
 
     @property
     def absolute_um(self) -> Vector:
-        """Return the values as absolute numbers in the table's own sense, shape of
-        ``position_mm``."""
+        """Return the values of the table as absolute numbers in the sense of the table, shape of
+        ``position_mm``.
+        """
         if self.law.data == "absolute":
             return self.value_um
         summed = np.cumsum(self.value_um)
@@ -204,18 +206,19 @@ class Table:
 
 
 def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vector:
-    """Return the movement of the output axis by the law, in um in its + direction, at positions of
-    the input axis.
+    """Return the movement of the output axis by the table and its law, in um in the + direction, at
+    positions of the input axis.
 
-    ``direction`` is the travel of the input axis, +1 or -1; a table of the other direction gives 0.
-    For a product it is the movement where its multiplier is 1.
+    ``direction`` is the travel of the input axis, +1 or -1; a table of the opposite direction has
+    the movement 0. A product gives the movement for a multiplier of 1.
     """
     at = np.asarray(position_mm, dtype=np.float64)
     if table.direction not in (0, direction):
         return np.zeros(at.shape)
     absolute = table.absolute_um
     if table.law.between == "stepped":
-        # 1 nm of slack: a commanded position equal to the point, but for rounding, has passed it.
+        # tolerance of 1 nm: a commanded position that differs from the point only by rounding has
+        # passed the point
         passed = np.searchsorted(table.position_mm, at + 1e-6, side="right") - 1
         return np.asarray(table.law.factor * absolute[np.clip(passed, 0, None)])
     moved = np.interp(at, table.position_mm, absolute)
@@ -225,7 +228,7 @@ def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vect
 
 
 def summed_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) -> Vector:
-    """Return `correction_um` of tables of one input and output axis together."""
+    """Return the sum of `correction_um` over tables with the same input and output axis."""
     return sum(
         (correction_um(table, position_mm, direction) for table in tables),
         np.zeros(np.shape(position_mm)),
@@ -233,8 +236,8 @@ def summed_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) 
 
 
 def steps_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) -> Vector:
-    """Return the part of `summed_um` in the steps of stepped tables: less the straight lines that
-    join their points.
+    """Return the part of `summed_um` that comes from steps: stepped tables minus the straight lines
+    that join their points.
     """
     every = list(tables)
     straight = summed_um(map(joined, every), position_mm, direction)
@@ -253,8 +256,9 @@ def _extended(at: Vector, position: Vector, value: Vector, inside: Vector) -> Ve
 def total_correction_um(
     tables: Iterable[Table], points_mm: Vector, direction: int = 1
 ) -> Vector:
-    """Return the sum of all tables at commanded points, shape (N, 3): the displacement of the tool
-    they cause."""
+    """Return the displacement of the tool by all tables together at commanded points, shape
+    (N, 3).
+    """
     total = np.zeros(np.shape(points_mm))
     for table in tables:
         moved = correction_um(
@@ -269,7 +273,7 @@ def total_correction_um(
 
 
 def mean_correction_um(tables: Sequence[Table], points_mm: Vector) -> Vector:
-    """Return `total_correction_um`, mean of both directions of travel."""
+    """Return the mean of `total_correction_um` over both directions of travel."""
     return (
         total_correction_um(tables, points_mm, +1)
         + total_correction_um(tables, points_mm, -1)
@@ -284,8 +288,8 @@ def joined(table: Table) -> Table:
 
 
 def same_lever(one: Table, other: Table) -> bool:
-    """Return whether two tables have the same multiplier: none, or the same numbers along the same
-    axis.
+    """Return whether two tables have the same multiplier (the same numbers along the same axis) or
+    both have none.
     """
     if one.multiplier is None or other.multiplier is None:
         return one.multiplier is other.multiplier
@@ -295,7 +299,7 @@ def same_lever(one: Table, other: Table) -> bool:
 
 
 def plain_rows(table: Table) -> tuple[str, ...]:
-    """Return one row a point for the report: number, position in mm, value in um."""
+    """Return the rows of the report, one for each point: number, position in mm, value in um."""
     rows = zip(table.position_mm, table.value_um, strict=True)
     return (
         f"{'point':>6} {'position mm':>14} {'value µm':>12}",
@@ -307,7 +311,9 @@ def plain_rows(table: Table) -> tuple[str, ...]:
 
 
 def require_rising(position_mm: Vector, where: str) -> None:
-    """Raise ``DataError`` unless there are two or more positions, each above the last."""
+    """Raise ``DataError`` unless there are two or more positions, each above the position
+    before.
+    """
     if len(position_mm) < 2 or np.any(np.diff(position_mm) <= 0.0):
         raise DataError(
             where,
@@ -317,8 +323,8 @@ def require_rising(position_mm: Vector, where: str) -> None:
 
 
 def zeroed(tables: Iterable[Table]) -> tuple[Table, ...]:
-    """Return the same tables with every value 0, as a restore file writes them when no table was
-    active before.
+    """Return the tables with all values 0: the contents of a restore file if no table was active
+    before.
     """
     return tuple(
         replace(

@@ -1,5 +1,5 @@
 """The 4-DOF head: detector, common-path compensation, commissioning, statistics.
 
-In: samples of the detectors. Out: straightness, pitch and yaw with their uncertainty. Imported by
-methods and by `daq.head`.
+Input: samples of the detectors. Output: straightness, pitch and yaw with their uncertainty. The
+packages `methods` and `daq.head` import this package.
 """

@@ -1,5 +1,6 @@
-"""From the head's lateral axes to the names of ISO 230-1: straightness EYX .. and rotations EAX ..
-of the axis that moved."""
+"""Conversion of the 4-DOF head's lateral values to the errors of ISO 230-1: straightness EYX .. and
+rotations EAX .. of the axis that moved.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -33,7 +34,9 @@ class Mount:
     target_on: Literal["tool", "work"] = "tool"
 
     def __post_init__(self) -> None:
-        """Refuse directions other than three different axes with the beam along the moving axis."""
+        """Raise DataError unless the three directions belong to three different axes and the beam
+        runs along the moving axis.
+        """
         if self.beam[1] != self.axis:
             raise UsageError(
                 "head: beam",
@@ -51,11 +54,11 @@ class Mount:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisErrors:
-    """Errors of one axis: two straightness functions in um and two rotations in urad, by ISO 230-1
-    name.
+    """Errors of one axis under their ISO 230-1 names: two straightness functions in um and two
+    rotations in urad.
 
-    Positions ascend; every value is the mean of the samples there. Rotations are zero at the first
-    position; straightness has its reference line removed. The roll is not measured.
+    Positions ascend; every value is the mean of the samples at a position. Rotations are zero at
+    the first position; straightness has its reference line removed. The roll is not measured.
     """
 
     position_mm: Vector
@@ -70,8 +73,8 @@ def axis_errors(
     mount: Mount,
     line: LineMethod = "end-point",
 ) -> AxisErrors:
-    """Return the machine's errors from a run: axis positions (N,), straightness and angle (N, 2) in
-    the detectors' axes.
+    """Return the machine's errors from a run of the head: the samples' axis positions (N,), and
+    their straightness and angle (N, 2) in the detectors' axes.
 
     A mirror that turns by ``w`` deflects the beam ``b`` by ``2 b x w``: the head's angle in lateral
     direction ``e`` is ``(b x w).e``.

@@ -13,14 +13,16 @@ from stepdiag.solver.fourdof.detector import Curve, CurveKind, curve_variable
 Vector = NDArray[np.float64]
 
 MAX_GAIN_ERROR = 0.05
-"""Ordinary focal lengths and amplifiers are within 2 per cent; beyond 5 a curve, a focal length or
-a distance is wrong."""
+"""Ordinary focal lengths and amplifiers are within 2 per cent; beyond 5 per cent a curve, a focal
+length or a distance is wrong.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveFit:
-    """A detector's curve, its residuals in um at every row and its standard uncertainty there
-    (reference included)."""
+    """A detector's curve, its residuals in um at every row of the calibration run, and its standard
+    uncertainty at these rows (with that of the reference).
+    """
 
     curve: Curve
     residual_um: Vector
@@ -35,12 +37,13 @@ def fit_curve(
     degree: int = 5,
     u_reference_um: float = 0.0,
 ) -> CurveFit:
-    """Return the curve of a detector axis from a two-column run: normalised reading and spot shift.
+    """Return the curve of a detector axis from the two columns of a run: normalised reading and
+    spot shift in um.
 
     The shift is twice the reference stage's displacement on the QD, and ``2 f tan(angle)`` on PSD2.
-    The fit is least squares in powers of the reading, or of its inverse error function. Raises
-    DataError for fewer than two rows more than coefficients, or where a reading does not determine
-    its shift.
+    The fit is least squares in powers of the reading, or of the reading's inverse error function.
+    Raises DataError unless the rows outnumber the coefficients by two, and where a reading does not
+    determine its shift.
     """
     readings, shifts = (
         np.asarray(reading, dtype=np.float64),
@@ -56,8 +59,8 @@ def fit_curve(
             found=message("such-rows", value=int(np.isfinite(variable).sum())),
         )
     design = np.vander(variable, degree + 1, increasing=True)
-    # powers up to the fifth of a number below one: scale the columns or the normal equations lose
-    # half their digits
+    # the columns are powers of a number below one: without scaling, the normal equations lose half
+    # of their digits
     column = np.linalg.norm(design, axis=0)
     gain = np.linalg.pinv(design / column)
     coefficients = gain @ shifts / column

@@ -1,4 +1,4 @@
-"""From the raw sums and differences of a position-sensitive detector to the shift of the spot.
+"""The shift of the spot from the raw sums and differences of a position-sensitive detector.
 
 A quadrant detector under a Gaussian spot follows an error function, a lateral-effect detector is
 nearly linear; both are a polynomial in one variable: the normalised reading, or its inverse error
@@ -37,11 +37,11 @@ def inverse_erf(value: ArrayLike) -> Vector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
-    """Spot shift in um over the normalised reading ``q``: coefficients in ascending powers of q (or
-    of erf^-1(q)).
+    """Curve of the spot's shift in um over the normalised reading ``q``: coefficients in ascending
+    powers of q (or of erf^-1(q)).
 
-    ``low`` and ``high`` bound the readings for which the curve was calibrated; ``u_um`` is its
-    standard uncertainty.
+    ``low`` and ``high`` bound the readings for which the curve was calibrated; ``u_um`` is the
+    standard uncertainty of the curve.
     """
 
     kind: CurveKind = "polynomial"
@@ -70,8 +70,8 @@ def curve_variable(kind: CurveKind, reading: ArrayLike) -> Vector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectorAxis:
-    """One axis of a detector. ``sign`` removes the effect of fold mirrors and splitters in its
-    plane (theory.md 9).
+    """One axis of a detector. ``sign`` removes the effect of fold mirrors and splitters in the
+    plane of this axis (theory.md 9).
     """
 
     sign: Literal[1, -1] = 1
@@ -80,10 +80,10 @@ class DetectorAxis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detector:
-    """A two-axis detector with its light levels; ``rotation_mrad`` is its roll about the beam, from
-    x to y.
+    """A two-axis detector with its light levels; ``rotation_mrad`` is the detector's roll about the
+    beam, from x to y.
 
-    ``dark`` are difference x, difference y and sum without light.
+    ``dark`` contains the signals without light: difference x, difference y and sum.
     """
 
     x: DetectorAxis = field(default_factory=DetectorAxis)
@@ -106,10 +106,10 @@ class Spots:
 
 
 def spots(detector: Detector, difference: Vector, total: Vector) -> Spots:
-    """Return the spot of every sample from its differences (N, 2) and its sum (N,).
+    """Return the spot of every sample from the detector's differences (N, 2) and sums (N,).
 
-    The difference is divided by the sum, so that the laser's power does not look like a shift. A
-    difference above its sum cannot be light on the detector: it counts as saturated.
+    The difference is divided by the sum, so that the laser's power does not look like a shift.
+    Light cannot make a difference larger than the sum: such a sample counts as saturated.
     """
     blocked = ~(total > detector.sum_min)
     reading = (difference - np.array(detector.dark[:2])) / np.where(

@@ -1,12 +1,13 @@
-"""Drift of the source's pointing during a run, freed of the drift detector's own noise.
+"""Drift of the source's pointing during a run, without the noise of the drift detector.
 
-PSD1 measures the drift with its own noise, which the lever carries into the straightness: 1.7 urad
-at 8 m are 14 um. A source drifts slowly, and a detector's noise has no memory: a random walk
-observed with white noise (the local level model; Harvey, Forecasting, Structural Time Series Models
-and the Kalman Filter, 1989, sections 2.3 and 4.3). The ratio of the walk's speed to the noise
-follows from three sources: the series itself, the noise of each stop within its dwell, and the
-quadrant detector. A real drift moves its spot as well, so the corrected spot must be smoother. The
-drift is the mean over all likely speeds, its uncertainty includes their spread.
+The drift detector PSD1 adds noise, which the lever carries into the straightness: 1.7 urad at 8 m
+are 14 um. A source drifts slowly, and a detector's noise has no memory. The model is therefore a
+random walk observed with white noise (the local level model; Harvey, Forecasting, Structural Time
+Series Models and the Kalman Filter, 1989, sections 2.3 and 4.3). The ratio of the walk's speed to
+the noise follows from three sources: the series itself, the noise of each stop within its dwell,
+and the quadrant detector. A real drift moves the quadrant detector's spot as well, so correcting it
+makes the spot's path smoother. The returned drift is the mean over all likely speeds; its
+uncertainty includes the spread between the speeds.
 """
 
 from dataclasses import dataclass
@@ -19,23 +20,24 @@ Vector = NDArray[np.float64]
 LEAST_SAMPLES = 5
 """A smaller number of samples does not determine the speed of a drift."""
 QUICKEST = 1e4
-"""Variance of a step of the walk over the variance of the noise: beyond this ratio the detector's
-values are taken unsmoothed.
+"""Largest ratio of the variance of the drift's steps to the variance of the noise: beyond it the
+detector's values are taken unsmoothed.
 """
 SPEEDS = 25
 MOST_BENDS = 40
-"""The bends of a longer series count at most as this number: they reveal a drift that is left too
-rough, not the rest of a slow drift.
+"""Largest number of bends (second differences) of the spot's path that count, even in a longer
+series: bends reveal a drift that is left too rough, not the rest of a slow drift.
 """
 BENDS_COUNT = 0.1
-"""Share of the bends that counts as evidence: neighbouring stops share most of the bend of a
-remaining drift. With half of them the most likely drift is too smooth (one way over 8 m, 1.7 urad
-of noise: 83 % of the values within 2 u, 10.9 um rms; 94 %, 8.6 um with a tenth; 97 %, 9.3 um with
-none).
+"""Share of the bends that counts as evidence: bends of a remaining drift are nearly equal at
+neighbouring stops. With a share of one half the most likely drift is too smooth: in a pass of 8 m
+with 1.7 urad of noise 83 % of the values are within 2 u (10.9 um rms). With a tenth 94 % are (8.6
+um), with none 97 % (9.3 um).
 """
 BENDS_SHARE = 1.94
-"""Second differences of white noise have correlations of -2/3 and 1/6: 1 + 2 (4/9 + 1/36), the
-variance of a slope between two such."""
+"""Factor of the variance of the slope between two series of second differences of white noise:
+their correlations are -2/3 and 1/6, so it is 1 + 2 (4/9 + 1/36).
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,17 +51,18 @@ class Drift:
 def slow_drift(
     time_s: Vector, seen_urad: Vector, u_urad: Vector, spot_um: Vector, lever_mm: Vector
 ) -> Drift:
-    """Return the drift at each time, shapes (N,), from the values of PSD1; times ascend.
+    """Return the drift at each time, shapes (N,), from the values ``seen_urad`` of PSD1; times
+    ascend.
 
-    ``u_urad`` is the noise of each value by itself (0: none), ``spot_um`` half of the quadrant
-    detector's shift, which contains the drift times ``lever_mm``. With fewer than `LEAST_SAMPLES`
-    the values are returned unchanged.
+    ``u_urad`` is the noise of each value by the scatter within its dwell (0: not known).
+    ``spot_um`` is half of the quadrant detector's shift, which contains the drift times
+    ``lever_mm``. With fewer than `LEAST_SAMPLES` the values are returned unchanged.
     """
     if len(seen_urad) < LEAST_SAMPLES:
         return Drift(angle_urad=seen_urad, u_urad=u_urad)
     step_s = np.diff(time_s)
     usual_s = float(np.mean(step_s)) or 1.0
-    # slower than the slowest the walk cannot be separated from standstill within the run
+    # a drift slower than the slowest of these speeds looks like standstill within the run
     speeds = np.geomspace(0.1 / len(seen_urad) ** 2, QUICKEST, SPEEDS)
     found = _smoothed(seen_urad, step_s[:, None] / usual_s * speeds)
     floor = float(np.mean(u_urad**2))
@@ -79,11 +82,11 @@ def slow_drift(
 
 
 def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector, Vector]:
-    """Return the part of the fast residual that is real motion of the spot, not noise, and the
+    """Return the part of PSD1's fast residual that is real motion of the beam, not noise, and the
     uncertainty of this part, shapes (N,).
 
     A share g of the residual may be motion of the beam; the second differences of the spot are then
-    g times those of lever times residual. A regression determines g.
+    g times the second differences of the lever times the residual. A regression determines g.
     """
     of_rest, of_spot = np.diff(1e-3 * lever_mm * rest_urad, n=2), np.diff(left_um, n=2)
     power = float(of_rest @ of_rest)
@@ -93,7 +96,8 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
     u_slope = min(
         float(np.sqrt(BENDS_SHARE * np.mean((of_spot - slope * of_rest) ** 2) / power)), 1.0
     )
-    # within 0 .. 1 without earlier knowledge; no part at all if the spot gives no evidence
+    # before the regression every share from 0 to 1 is equally likely; without evidence from the
+    # spot the share is zero
     real = float(np.clip(slope, 0.0, 1.0)) * (1.0 - u_slope)
     open_share = real * (1.0 - real) * float(np.mean(rest_urad**2))
     return real * rest_urad, np.sqrt(open_share + u_slope**2 * rest_urad**2 / 12.0)
@@ -101,8 +105,8 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
 
 @dataclass(frozen=True, slots=True)
 class _Smoothed:
-    """For every speed, shapes (N, speeds) and (speeds,): the level, its variance and the variance
-    of the noise relative to the noise's, and the likelihood.
+    """The drift for every assumed speed: ``level`` and its variance ``share`` relative to the
+    noise, shapes (N, speeds); the variance of the noise and the likelihood, shapes (speeds,).
     """
 
     level: Vector
@@ -112,8 +116,8 @@ class _Smoothed:
 
 
 def _smoothed(seen: Vector, speed: Vector) -> _Smoothed:
-    """Return filter and smoother for steps of variances ``speed`` (N - 1, speeds), all relative to
-    the noise's variance.
+    """Return the filtered and smoothed series for a drift whose steps have the variances ``speed``
+    (N - 1, speeds), relative to the variance of the noise.
     """
     count = speed.shape[1]
     level, share = np.empty((len(seen), count)), np.empty((len(seen), count))
@@ -131,14 +135,14 @@ def _smoothed(seen: Vector, speed: Vector) -> _Smoothed:
         back = share[k] / ahead[k]
         level[k] += back * (level[k + 1] - level[k])
         share[k] += back**2 * (share[k + 1] - ahead[k])
-    # a series without any change has no noise to divide by: a millionth of a microradian is none
+    # a series without any change has no noise: a millionth of a microradian avoids division by zero
     noise = np.maximum(squares / len(speed), 1e-24)
     return _Smoothed(level, share, noise, -0.5 * (len(speed) * np.log(noise) + logs))
 
 
 def _smoothness(spot_um: Vector, lever_mm: Vector, level: Vector) -> Vector:
-    """Return the likelihood of each drift by its remaining straightness, shape (speeds,): small
-    bends are likely.
+    """Return the logarithm of the likelihood of each drift, shape (speeds,), by the straightness
+    that remains after its correction: small bends are likely.
 
     Second differences are independent of the head's alignment.
     """

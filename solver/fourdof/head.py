@@ -8,9 +8,9 @@ detector (PSD2) by ``+a``. Hence
 
     straightness = QD / 2 - L * psd1        angle = (PSD2 + psd1) / 2
 
-and the signs in Feng's Eqs 2 and 4 are opposite to each other. Only pointing of the source is
-corrected: air that bends the beam on the way bends the returning beam for PSD1 too and stays in the
-result. Half of a parallel shift of the beam also stays in the result.
+so the signs of psd1 in Feng's Eqs 2 and 4 are opposite to each other. Only pointing of the source
+is corrected: air that bends the beam on the way bends the returning beam for PSD1 too and stays in
+the result. Half of a parallel shift of the beam also stays in the result.
 """
 
 from dataclasses import dataclass, field
@@ -36,14 +36,14 @@ remark.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crosstalk:
-    """Calibrated corrections (theory.md 9, a to d); zero means not corrected. Pairs belong to the
-    detectors' x and y.
+    """Calibrated corrections (theory.md 9, a to d); zero means not corrected. A pair of values
+    belongs to the detectors' x and y.
 
-    ``vertex_mm``: corner-cube vertex from the point whose straightness is wanted: lateral x, y and
-    along the beam (positive towards the head). ``psd1_leak``, ``psd2_leak``: apparent angle by a
-    lateral beam shift, urad per um, where a detector is out of its lens's focus. ``qd_gain_per_m``:
-    relative growth of the QD's gain with the distance beyond ``qd_calibrated_at_mm``, because the
-    spot grows.
+    ``vertex_mm`` is the position of the corner cube's vertex relative to the point whose
+    straightness is wanted: lateral x, lateral y, and along the beam (positive towards the head).
+    ``psd1_leak`` and ``psd2_leak`` are the apparent angles by a lateral beam shift, in urad per um,
+    if a detector is out of its lens's focus. ``qd_gain_per_m`` is the relative growth of the QD's
+    gain, a metre of distance beyond ``qd_calibrated_at_mm``, because the spot grows.
     """
 
     vertex_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -55,8 +55,8 @@ class Crosstalk:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """The sums of QD, PSD1 and PSD2 under the same light, and the largest share by which a sum may
-    differ from the other two.
+    """The sum signals of QD, PSD1 and PSD2 under the same light, and the largest relative
+    difference (``within``) of one of the three from the others.
 
     A spot cut off by an edge reduces one sum; a laser that changes its power changes all three.
     """
@@ -67,12 +67,12 @@ class Light:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Head:
-    """The head as configured and calibrated.
+    """The configuration and the calibration of a head.
 
     The lever at travel ``d`` (away from the head) is ``dead_path_mm + lever_scale * d +
-    extra_path_mm / 2``: the whole way from the source's pivot to the cube, and half of the extra
-    way from the cube back to the QD. A lever measured with the lever of `fourdof commission`
-    already includes the extra path. ``lever_scale`` differs from 1 when PSD1's gain does.
+    extra_path_mm / 2``: the whole path from the source's pivot to the cube, and half of the extra
+    path from the cube back to the QD. A lever that `fourdof commission` measured already includes
+    the extra path. ``lever_scale`` differs from 1 if PSD1's gain differs from 1.
     """
 
     qd: Detector = field(default_factory=Detector)
@@ -102,10 +102,11 @@ class Motion:
     """The target's motion per sample in the detectors' x and y, shape (N, 2); NaN where the light
     was not usable.
 
-    ``raw_*`` is the same without drift compensation. ``drift_urad`` is PSD1's angle, without its
-    noise where times were given, and ``u_drift_urad`` its remaining uncertainty (else zero).
-    ``u_*`` of the motion come from the detectors' calibration. ``usable`` is False where the sample
-    was blocked, saturated or outside the calibrated range.
+    ``raw_*`` is the motion without drift compensation. ``drift_urad`` is PSD1's angle. If times
+    were given, PSD1's noise is removed from it, and ``u_drift_urad`` is the uncertainty that
+    remains (else zero). The uncertainties ``u_*`` of the motion come from the detectors'
+    calibration. ``usable`` is False where the sample was blocked, saturated or outside the
+    calibrated range.
     """
 
     straightness_um: Vector
@@ -142,10 +143,10 @@ def motion(
     PSD2.
 
     ``travel_mm`` (N,) is the target's travel away from the head since the position to which
-    ``dead_path_mm`` belongs; ``roll_urad`` (scalar or (N,)), from a level, serves the correction of
-    the cube's lateral offset only. With ``time_s`` (N,) the samples belong to a single run and the
-    drift is freed of PSD1's noise (`solver.fourdof.drift`); ``u_psd1_urad`` (N, 2) is the noise of
-    each sample, a mean, by itself.
+    ``dead_path_mm`` belongs; ``roll_urad`` (scalar or (N,)), measured by a level, is used only to
+    correct the cube's lateral offset. With ``time_s`` (N,) the samples belong to a single run and
+    the drift is freed of PSD1's noise (`solver.fourdof.drift`); ``u_psd1_urad`` (N, 2) is the noise
+    of PSD1 in each sample (the mean of a dwell), by the scatter within the dwell.
     """
     lever_mm = head.lever_mm(np.broadcast_to(travel_mm, len(channels)))
     lever = lever_mm[:, None]
@@ -166,8 +167,8 @@ def motion(
             psd1, qd_um / 2, lever_mm, time_s, u_drift if u_psd1_urad is None else u_psd1_urad
         )
     psd2 = beam_angle_urad(seen["PSD2"].shift_um, head.psd2_focal_length_mm)
-    # the beam on PSD2 has moved sideways on its way out by the drift and on its way back by its
-    # angle, each multiplied by the distance
+    # the beam on PSD2 moves sideways by the drift on its way out and by its own angle on its way
+    # back, both multiplied by the distance
     walked = np.array(head.crosstalk.psd2_leak) * lever * 1e-3
     psd2 = (psd2 + walked * psd1) / (1 + walked)
     angle = (psd2 + psd1) / 2
@@ -197,10 +198,10 @@ def motion(
 def _freed_of_noise(
     psd1_urad: Vector, spot_um: Vector, lever_mm: Vector, time_s: Vector, u_urad: Vector
 ) -> tuple[Vector, Vector]:
-    """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); samples
-    without light stay unchanged.
+    """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); values of
+    samples without light stay unchanged.
     """
-    # a stop that was driven again takes its place in the run, not in time
+    # a stop that was driven again has its place in the sequence of the run, but not in time
     in_time = np.argsort(time_s, kind="stable")
     lit = in_time[np.all(np.isfinite(psd1_urad[in_time] + spot_um[in_time]), axis=1)]
     drift, u = psd1_urad.copy(), u_urad.copy()
@@ -234,8 +235,8 @@ def _at_reference(
 
 
 def _clipped(head: Head, channels: Vector) -> Mask:
-    """Return the samples (N,) in which a sum differs from the others: an edge or the electronics
-    cut its spot.
+    """Return the samples (N,) in which one detector's sum signal differs from the other two: an
+    edge or the electronics cut that detector's spot.
     """
     if head.light is None:
         return np.zeros(len(channels), dtype=bool)

@@ -9,12 +9,13 @@ while the laser's pointing wobbles. In one lateral frame (theory.md 9), with the
     PSD1               = -a + leak1 q
     PSD2               = a (1 + 2 leak2 L) + a constant of the end
 
-and each detector reads these through two gains with their signs and its roll. The pointing is an
-unknown of every row. The pointing is linear in the model and is eliminated row by row (variable
-projection: Golub, Pereyra 1973; Kaufman's approximation), so noise of a detector does not reduce
-any slope. The noise of each detector is the noise of its samples; the misses of jogs are estimated
-from the residuals, with a common factor for all others. (The noise of three detectors cannot be
-estimated together with the pointing of every row: the smallest would become zero.)
+and each detector reads this value through two gains, with their signs, and through the roll of the
+detector. The pointing is an unknown of every row. The pointing is linear in the model and is
+eliminated row by row (variable projection: Golub, Pereyra 1973; Kaufman's approximation), so noise
+of a detector makes no estimated slope smaller. The noise of each detector is the noise of its
+samples, times a common factor; this factor and the deviations of the real jogs from the commanded
+jogs are estimated from the residuals. (The noise of three detectors cannot be estimated together
+with the pointing of every row: the smallest noise would become zero.)
 """
 
 from dataclasses import dataclass
@@ -42,41 +43,42 @@ FIELDS = (
     "crosstalk.psd2_leak",
     "lever",
 )
-"""Results of the regression, by the fields of the calibration file: gains of the curves in the
-file, rolls in mrad, growth of the QD's gain a metre, leaks in urad per um (alike in x and y), the
-dead path of the lever in mm.
+"""Names of the regression's results, by the fields of the calibration file: gains relative to the
+curves in the file, rolls in mrad, growth of the QD's gain a metre, leaks in urad per um (alike in x
+and y), the dead path of the lever in mm.
 """
 QD, PSD1, PSD2, LEVER = 0, 4, 8, 12
-"""First index of each detector's gains, and of the lever, among `FIELDS`."""
+"""Index among `FIELDS` of each detector's first gain, and of the lever."""
 MOST_ROLL_MRAD = 500.0
 """Largest possible roll of a mounted detector; a larger value means that the survey file names the
 wrong axes of the detector.
 """
 MOST_U_GAIN = 0.02
-"""Standard uncertainty of a gain beyond which the wobble or the jogs were too small: the limit
-leaves half of the refused 5 per cent.
+"""Largest relative standard uncertainty of a gain; beyond it the beam's wobble or the jogs were too
+small. Twice this limit is still below the 5 per cent at which a gain is refused.
 """
 ROUNDS, STEPS = 6, 8
-"""Number of iterations of the noise sizes, and of Gauss and Newton within each: both converge to
-1e-6 in half as many.
+"""Number of iterations of the noise sizes, and of Gauss-Newton steps within each of them: half of
+either number is enough to converge to 1e-6.
 """
 LINEAR = 1e-3
-"""Detectors follow their curves within a thousandth of the wobble: a smaller noise must not
-increase the weight of its rows beyond that.
+"""Smallest noise of a detector's rows relative to the beam's wobble: detectors follow their curves
+no better, so a smaller noise must not increase the weight of the rows.
 """
 JOG_UM = 1.0
-"""Start of the search for the error of a jog's length, in um of the spot on the detector."""
+"""Starting value of the search for the error of a jog's length, in um of the spot on the detector.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stands:
     """Means of the head's samples while the machine stood, a row each (N,).
 
-    ``end`` counts the axial places from 0, ``distance_mm`` is the distance to the target,
-    ``moved_um`` (N, 2) the jog of the target in the directions of the detectors' x and y. ``seen``
-    (N, 6) are QD (um), PSD1 and PSD2 (urad) by the curves of the file, without signs and rolls;
-    ``samples`` is the number of samples behind a row, ``noise`` (6,) the noise of a sample, and
-    ``jogged`` marks the rows with a place of their own.
+    ``end`` is the number of the axial position, from 0. ``distance_mm`` is the distance to the
+    target. ``moved_um`` (N, 2) is the jog of the target in the directions of the detectors' x and
+    y. ``seen`` (N, 6) contains the readings of QD (um), PSD1 and PSD2 (urad) by the curves of the
+    file, without signs and rolls. ``samples`` is the number of samples in the mean of a row,
+    ``noise`` (6,) the noise of a single sample. ``jogged`` marks the rows after a jog.
     """
 
     end: NDArray[np.intp]
@@ -90,8 +92,8 @@ class Stands:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commissioned:
-    """Values and covariance of `FIELDS`, and the miss of a jog by the residuals, in um of the
-    target (k = 1).
+    """Values and covariance of `FIELDS`, and by the residuals the standard deviation of a real jog
+    from the commanded jog, in um of the target (k = 1).
     """
 
     value: Vector
@@ -101,14 +103,14 @@ class Commissioned:
 
     @property
     def u(self) -> Vector:
-        """Return the standard uncertainty of each field."""
+        """Return the standard uncertainty of each calibration field (`FIELDS`)."""
         u: Vector = np.sqrt(np.diag(self.covariance))
         return u
 
 
 def commissioned(stands: Stands) -> Commissioned:
-    """Return the calibration that fits the run. Raises DataError, with the field's name, where the
-    run does not determine a field.
+    """Return the calibration that fits the run best. Raises DataError, with the field's name, if
+    the run does not determine a field.
     """
     _require_places(stands)
     middle_mm = float(np.mean(np.unique(stands.distance_mm)))
@@ -133,7 +135,9 @@ def commissioned(stands: Stands) -> Commissioned:
 
 
 def _model(stands: Stands, parameters: Vector, pointing: Vector, middle_mm: float) -> Vector:
-    """Return the readings of the detectors, shape (N, 6), for a pointing (N, 2) in urad."""
+    """Return the readings of the detectors, shape (N, 6), by the model for a pointing (N, 2) in
+    urad.
+    """
     ends = parameters[len(FIELDS) :].reshape(2, -1, 2)
     lever = (parameters[LEVER] + stands.distance_mm)[:, None]
     leak1, leak2 = parameters[PSD1 + 3], parameters[PSD2 + 3]
@@ -153,8 +157,9 @@ def _model(stands: Stands, parameters: Vector, pointing: Vector, middle_mm: floa
 
 
 def _detector_reading(detector: Vector, lateral: Vector) -> Vector:
-    """Return the readings of a detector of two gains and a roll in mrad, shape like ``lateral``:
-    the inverse of `detector.spots`."""
+    """Return the readings of a detector with two gains and a roll in mrad, shape like ``lateral``:
+    the inverse of `detector.spots`.
+    """
     cosine, sine = np.cos(1e-3 * detector[2]), np.sin(1e-3 * detector[2])
     own: Vector = lateral @ np.array([[cosine, -sine], [sine, cosine]]) / detector[:2]
     return own
@@ -169,8 +174,8 @@ class _Step:
 def _gauss_newton(
     stands: Stands, parameters: Vector, middle_mm: float, sigma: Vector
 ) -> tuple[_Step, Vector, Vector]:
-    """Return the next step, the weighted residuals without the pointing, and their leverage (the
-    share of the noise that the fit absorbs), both (N, 6).
+    """Return the next step of the parameters, the weighted residuals without the pointing, and the
+    leverage of each residual (the share of the noise that the fit absorbs), both (N, 6).
     """
     still = np.zeros_like(stands.moved_um)
     base = _model(stands, parameters, still, middle_mm)
@@ -213,7 +218,9 @@ def _without(frame: Vector, rows: Vector) -> Vector:
 
 
 def _of_jogs(stands: Stands) -> NDArray[np.bool_]:
-    """Return the values, shape (N, 6), that contain the miss of a jog: the QD at a jog."""
+    """Return a mask, shape (N, 6), of the values that contain the error of a jog: those of the QD
+    at a jog.
+    """
     of_jogs = np.zeros(stands.seen.shape, dtype=np.bool_)
     of_jogs[stands.jogged, :2] = True
     return of_jogs
@@ -221,7 +228,7 @@ def _of_jogs(stands: Stands) -> NDArray[np.bool_]:
 
 def _sigma(stands: Stands, factor: float, jog_um: float) -> Vector:
     """Return the standard deviation of every value, shape (N, 6); averaging over a longer
-    standstill does not reduce the miss of a jog.
+    standstill does not reduce the error of a jog.
     """
     still = ~stands.jogged
     wobble = np.std(_centred(stands, stands.seen, still)[still], axis=0)
@@ -232,8 +239,8 @@ def _sigma(stands: Stands, factor: float, jog_um: float) -> Vector:
 
 
 def _grown(rest: Vector, leverage: Vector, of: NDArray[np.bool_]) -> float:
-    """Return the factor by which the noise of some values exceeds its assumed size; never zero,
-    even for a run without noise.
+    """Return the ratio of the noise of some values to the assumed noise; it is above zero even for
+    a run without noise.
     """
     return float(
         np.sqrt(max(np.sum(rest[of] ** 2) / max(np.sum(1.0 - leverage[of]), 1.0), 1e-6))
@@ -261,8 +268,8 @@ def _require_places(stands: Stands) -> None:
 
 
 def _start(stands: Stands) -> Vector:
-    """Return approximate parameters: jogs give the QD, the QD's spot gives the pointing, and the
-    pointing gives both PSDs.
+    """Return approximate parameters to start from: the jogs give the gains of the QD, the QD's spot
+    gives the pointing, and the pointing gives the gains of both PSDs.
     """
     ends = int(stands.end.max()) + 1
     about = stands.jogged[:, None] * _centred(stands, stands.moved_um, stands.jogged)
@@ -294,7 +301,7 @@ def _start(stands: Stands) -> Vector:
 
 
 def _centred(stands: Stands, values: Vector, used: NDArray[np.bool_]) -> Vector:
-    """Return values (N, 2) minus their mean over the used rows of each end."""
+    """Return the values (N, 2) minus their mean over the used rows at each axial position."""
     count = np.maximum(np.bincount(stands.end, weights=used), 1.0)
     means = [np.bincount(stands.end, weights=used * column) / count for column in values.T]
     centred: Vector = values - np.array(means).T[stands.end]
@@ -302,7 +309,7 @@ def _centred(stands: Stands, values: Vector, used: NDArray[np.bool_]) -> Vector:
 
 
 def _matrix(lateral: Vector, read: Vector) -> Vector:
-    """Return the least-squares matrix (2, 2) from the lateral motion to the readings."""
+    """Return the least-squares matrix (2, 2) from the lateral motion to a detector's readings."""
     matrix: Vector = np.asarray(
         np.linalg.lstsq(lateral, read, rcond=None)[0].T, dtype=np.float64
     )
@@ -310,8 +317,8 @@ def _matrix(lateral: Vector, read: Vector) -> Vector:
 
 
 def _of_matrix(matrix: Vector, name: str) -> Vector:
-    """Return the two gains and the roll of a matrix. Raises DataError if the axes in the survey
-    file are not those of the detector.
+    """Return the two gains and the roll of a detector from its matrix. Raises DataError if the
+    survey file names other axes than those of the detector.
     """
     sizes = np.linalg.norm(matrix, axis=1)
     if not np.isfinite(sizes).all() or sizes.min() <= 0.0:

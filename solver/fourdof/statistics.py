@@ -18,8 +18,8 @@ Vector = NDArray[np.float64]
 class Stability:
     """Fluctuation of a quantity at standstill, raw and compensated, in the quantity's unit.
 
-    ``removed_percent`` is the part of the raw fluctuation (largest minus smallest) removed by the
-    compensation; negative if the compensation made it larger. ``raw_allan`` and
+    ``removed_percent`` is the part of the raw fluctuation (largest minus smallest value) that the
+    compensation removed, negative if the compensation increased the fluctuation. ``raw_allan`` and
     ``compensated_allan`` belong to the averaging times ``tau_s``.
     """
 
@@ -56,11 +56,11 @@ def stability(raw: Vector, compensated: Vector, interval_s: float) -> Stability:
 
 
 def allan_deviation(values: Vector, interval_s: float) -> tuple[Vector, Vector]:
-    """Return averaging times (octaves) and the overlapping Allan deviation of readings at equal
-    intervals.
+    """Return averaging times (octaves) and the overlapping Allan deviation at each, for readings at
+    equal intervals.
 
-    Half the mean square of the difference of neighbouring averages, from every start (NIST SP 1065,
-    5.2.4).
+    The Allan variance is half the mean square of the differences of neighbouring averages, from
+    every start (NIST SP 1065, 5.2.4).
     """
     sums = np.concatenate([[0.0], np.cumsum(values - np.mean(values))])
     lengths = [
@@ -78,10 +78,10 @@ def allan_deviation(values: Vector, interval_s: float) -> tuple[Vector, Vector]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arm:
-    """Arm from a head to the other, x, y, z in mm (3,), and its standard uncertainty, NaN if no
-    known rotation determines it.
+    """Arm from the first head to the second, x, y, z in mm (3,), with its standard uncertainties. A
+    component that no known rotation determines is NaN.
 
-    ``residual_um`` is the residue of the differences of each straightness function.
+    ``residual_um`` contains the residuals of the fit for each straightness function.
     """
 
     mm: Vector
@@ -89,11 +89,11 @@ class Arm:
     residual_um: dict[str, Vector]
 
     def rms_um(self, name: str) -> float:
-        """Return the rms of the rest of a function."""
+        """Return the rms of the residuals of a straightness function."""
         return float(np.sqrt(np.mean(self.residual_um[name] ** 2)))
 
     def as_json(self) -> dict[str, object]:
-        """Return the arm for programs: null where it is undetermined."""
+        """Return the arm as JSON values, with null for an undetermined component."""
         mm, u_mm = (
             [value if np.isfinite(value) else None for value in each.tolist()]
             for each in (self.mm, self.u_mm)
@@ -112,8 +112,8 @@ def abbe_arm(
     functions; None if the differences do not determine the arm.
 
     A carriage that turns by ``a`` moves a point at ``r`` by ``a x r``: both functions (EYX, EZX ..)
-    are fitted together, each with a line of its own, to the known rotations at the same positions
-    (EAX .., shapes (N,)). Least squares, u by the residue.
+    are fitted together by least squares, each with its own straight line, to the known rotations at
+    the same positions (EAX .., shapes (N,)). The uncertainties follow from the residuals.
     """
     blocks = []
     for number, name in enumerate(apart_um):
@@ -152,8 +152,9 @@ def abbe_arm(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Residuals of one quantity against a reference instrument at the measured positions, in the
-    quantity's unit."""
+    """Differences of one quantity from a reference instrument at the measured positions, in the
+    unit of the quantity.
+    """
 
     position_mm: Vector
     residual: Vector
@@ -169,11 +170,12 @@ def compare(
     reference: ArrayLike,
     line: LineMethod | None = None,
 ) -> Comparison:
-    """Return measured minus reference, the reference read linearly between its own positions.
+    """Return the measured values minus the reference, which is interpolated linearly between its
+    own positions.
 
-    With ``line`` each of the two has its own reference line removed, as for straightness; without
-    it (angles), its value at the first common position is removed. Only positions within the
-    reference are used; fewer than two are refused (DataError).
+    With ``line`` (straightness) each of the two series has its own reference line removed; without
+    ``line`` (angles) each has its value at the first common position removed. Only positions within
+    the range of the reference are used. Raises DataError if these are fewer than two.
     """
     position, ours = (
         np.asarray(position_mm, dtype=np.float64),

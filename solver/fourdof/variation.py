@@ -1,5 +1,5 @@
-"""Uncertainty of a head's calibration, propagated into straightness and angle: the head with each
-field changed a little.
+"""Propagation of the uncertainty of a head's calibration into straightness and angle, by a small
+change of each field of the calibration.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,8 +15,9 @@ Vector = NDArray[np.float64]
 
 
 def varied(head: Head, fields: Sequence[str], change: Vector) -> Head:
-    """Return the head with `regression.FIELDS` changed: gains by a share, rolls in mrad, leaks in
-    urad per um, the lever in mm."""
+    """Return the head with changed `regression.FIELDS`: the change is relative for gains, in mrad
+    for rolls, in urad per um for leaks, in mm for the lever.
+    """
     by = dict(zip(fields, change.tolist(), strict=True))
     return replace(
         head,
@@ -31,11 +32,11 @@ def varied(head: Head, fields: Sequence[str], change: Vector) -> Head:
 def spread(
     of: Callable[[Head], Vector], head: Head, fields: Sequence[str], covariance: Vector
 ) -> Vector:
-    """Return the standard uncertainty of a quantity by the calibration, shape like the return of
-    ``of``.
+    """Return the standard uncertainty that the calibration gives to a quantity, shape like the
+    return of ``of``.
 
-    The quantity is taken along the axes of the covariance's ellipsoid, one standard deviation each
-    (JCGM 100, 5.2.2, in its main axes).
+    The quantity is computed after a change of one standard deviation along each axis of the
+    covariance's ellipsoid (JCGM 100, 5.2.2, in its main axes).
     """
     here = of(head)
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))

@@ -1,5 +1,5 @@
-"""Unmeasured angular functions: their likely values by the readings, the resolved functions among
-them, and their findings.
+"""Unmeasured angular functions: the values that the readings make likely, and the findings about
+them.
 """
 
 from collections.abc import Sequence
@@ -16,19 +16,23 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 FAR, FAR_IN_FEW = 10.0, 6.0
-"""Largest credible ratio to the usual size of an ordinary machine: worn machines with 90 urad have
-6 times the usual size, and their surveys show at most 7 times. A value that is certainly larger is
-not caused by the machine: in a small survey a wrong reading looks like large angles.
+"""Largest credible ratio of an angular function to the usual size of an ordinary machine (the
+second value for surveys of `FEW_FREEDOM`): worn machines with 90 urad have 6 times the usual size,
+and their surveys show at most 7 times. A value that is certainly larger is not caused by the
+machine: in a small survey a wrong reading looks like large angles.
 """
 FEW_FREEDOM = 20
-"""Surveys with three increments, driven once, have 13 degrees of freedom, with two increments 7.
-There a slip of 20 um in a run of three stops looks like angles of 130 urad, and a machine
-compensated with them became worse (5.7 to 9.8 um).
+"""Number of degrees of freedom below which a survey is small: a survey driven once has 13 degrees
+of freedom with three increments, 7 with two. In such a survey a slip of 20 um in a run of three
+stops looks like angles of 130 urad; compensation with these angles made a machine worse (from 5.7
+to 9.8 um).
 """
 
 
 def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
-    """Return every unknown angular function by name with its standard uncertainty, at the nodes."""
+    """Return the likely values of every unknown angular function at the nodes, with standard
+    uncertainties, by name.
+    """
     volume, shapes = found.layout.volume, found.shapes
     if not shapes.names:
         return {}
@@ -98,8 +102,8 @@ def angle_findings(
 
 
 def _far(found: Adjustment, least_urad: float) -> list[Finding]:
-    """Return the refusal of a survey whose readings agree only if the machine has larger angles
-    than machines of its class.
+    """Return the finding that refuses a survey if its readings agree only with much larger angles
+    than machines of its class have.
     """
     usual = float(np.mean(found.shapes.range_urad))
     if least_urad <= (FAR_IN_FEW if found.fit.freedom < FEW_FREEDOM else FAR) * usual:

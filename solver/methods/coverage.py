@@ -1,5 +1,5 @@
-"""Cases in which k = 2 is not 95 %: the noise was estimated from few degrees of freedom (GUM G.4,
-Welch and Satterthwaite).
+"""Coverage factors for 95 % where k = 2 is too small, because few degrees of freedom determine the
+noise (GUM G.4, Welch and Satterthwaite).
 """
 
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ _MOST = 1e6
 
 def t_factor(freedom: float) -> float:
     """Return the factor that covers 95.45 % of Student's t, 2 for many degrees of freedom (GUM
-    table G.2; good to 2 % from three on).
+    table G.2; exact to 2 % from three degrees on).
     """
     z, v = 2.0, max(freedom, 1.0)
     first = (z**3 + z) / 4.0
@@ -34,8 +34,8 @@ def coverage(
     u: Vector,
     u_readings: Vector,
 ) -> dict[str, CoverageFactor]:
-    """Return effective degrees of freedom and k for 95 % by name, where k differs from about 2;
-    readings that state their own uncertainty need no other factor.
+    """Return, by name of the quantity, the effective degrees of freedom and k for 95 %, if k is not
+    about 2. Readings with a stated uncertainty keep k = 2.
     """
     if np.all(np.isfinite(found.layout.u_um)):
         return {}
@@ -52,7 +52,7 @@ def coverage(
 
 
 def coverage_findings(report: Mapping[str, CoverageFactor]) -> list[Finding]:
-    """Return the finding on uncertainties that need a larger factor than 2."""
+    """Return the finding about uncertainties that need a larger coverage factor than 2."""
     if not report:
         return []
     worst = max(report, key=lambda name: report[name].k)

@@ -1,5 +1,5 @@
-"""The finding on a survey with a probable error: the possible errors, their effects on the volume,
-and the setup that separates them.
+"""The finding about a survey with a probable error in its readings: the possible errors, their
+effects on the volume, and the setup whose repetition shows the true one.
 """
 
 from collections.abc import Sequence
@@ -23,15 +23,15 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.uncertainty.machine import Machine, free_fields_um, machine_of
 
 ALONE = 100.0
-"""At this multiple of its remaining size, an explanation can take its full effect on the
+"""Factor on the remaining size of an explanation that makes room for its full effect on the
 readings.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """A possible error: its probability, its words, its passes, and its causes: the effect and the
-    indices within it.
+    """A possible error of a survey: its probability ``share``, its words, its passes, the effect
+    that models it, and the indices of its causes within this effect.
     """
 
     share: float
@@ -42,12 +42,14 @@ class Candidate:
 
 
 def doubt_findings(found: Adjustment) -> list[Finding]:
-    """Return the finding on a survey with an error that cannot be named: the possible errors, the
-    most probable first, the effect of each on the volume, and the setup that separates them.
+    """Return the finding about a survey with an error that has several explanations: the possible
+    errors, the most probable first, the effect of each on the volume, and the setup whose
+    repetition separates them.
 
-    Growth is usual: if it may be the cause, the finding appears only if the compensation would
-    leave more error than it removes for one of the candidates. None where the lengths contradict
-    each other by more than chance: `scale_findings` then names all candidates.
+    Growth of the machine is usual: if growth may be the cause, the finding appears only if
+    compensation would make the machine worse in the case of one candidate. There is no finding if
+    the lengths contradict each other by more than chance: `scale_findings` then names all
+    candidates.
     """
     setups = found.explained.unnamed
     if not (setups or found.explained.unnamed_with_growth) or scale_findings(found):
@@ -79,7 +81,9 @@ def doubt_findings(found: Adjustment) -> list[Finding]:
 
 
 def candidates(found: Adjustment) -> list[Candidate]:
-    """Return all explanations left open outside the model, and growth beyond the usual."""
+    """Return every possible error that remains likely: errors outside the model, and growth beyond
+    the usual.
+    """
     explained, layout = found.explained, found.layout
     every = [
         Candidate(
@@ -106,8 +110,8 @@ def candidates(found: Adjustment) -> list[Candidate]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Volumes:
-    """Motion of the machine over the volume, rigid motion removed: ``fields`` (k, 3 points) for a
-    unit of each value of ``machine``.
+    """Error vectors over the volume, without rigid motion: ``fields`` (k, 3 points) contains those
+    of a unit of each value of ``machine``.
     """
 
     found: Adjustment
@@ -116,7 +120,7 @@ class Volumes:
 
     @classmethod
     def of(cls, found: Adjustment) -> "Volumes":
-        """Return the volume of an adjustment."""
+        """Return the error vectors of an adjustment."""
         first = found.first_cause("angles") if found.shapes.names else 0
         machine = machine_of(
             found.design, found.shapes, first, len(found.fit.size), found.products
@@ -129,15 +133,17 @@ class Volumes:
 
     @property
     def reported_um(self) -> Vector:
-        """Return the error as it is reported, shape (3 points,)."""
+        """Return the reported error vector over the volume, shape (3 points,)."""
         return self._over_volume(self.found.fit)
 
     def apart_um(self, one: Candidate) -> Vector:
-        """Return the machine's difference if a single explanation is true."""
+        """Return the difference between the machine's error and the reported error if one
+        explanation is true, shape (3 points,).
+        """
         return self._over_volume(_alone(self.found, one)) - self.reported_um
 
     def harmed_by(self, one: Candidate) -> bool:
-        """Return whether subtracting the reported error makes the machine worse, if a single
+        """Return whether compensation of the reported error makes the machine worse if one
         explanation is true.
         """
         left = self.apart_um(one)
@@ -158,8 +164,8 @@ def rms_um(field_um: Vector) -> float:
 
 
 def _alone(found: Adjustment, one: Candidate) -> MixedFit:
-    """Return the fit if an explanation is true: this explanation may have any size, the others
-    none; growth is usual, or has its estimated size.
+    """Return the fit for the case that one explanation is true: this explanation may have any size,
+    all others have size zero; growth has its usual or its estimated size.
     """
     factors = []
     for effect, size in zip(found.effects, found.sizes.factor.tolist(), strict=True):
@@ -174,9 +180,9 @@ def _alone(found: Adjustment, one: Candidate) -> MixedFit:
 
 
 def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
-    """Return the best setup to drive again with laser and target set up anew, and its minutes: the
-    setup that changes the odds most per minute (by the variance of whether the setup contains the
-    cause).
+    """Return the name of the best setup to drive again, with laser and target set up anew, and its
+    minutes. The best setup has the largest p (1 - p) a minute, with p the probability that its
+    passes contain the cause.
     """
     found = []
     for setup in layout.setups:
@@ -192,7 +198,7 @@ def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
 
 
 def minutes_of(layout: Layout, setup: Setup) -> float:
-    """Return the duration of driving a setup as often as before, with usual times."""
+    """Return the minutes of driving a setup as often as in the survey, with usual times."""
     mine = [key for key in layout.passes if key.setup == setup.name]
     both = len({key.outward for key in mine}) > 1
     run = Run(

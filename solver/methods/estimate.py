@@ -1,5 +1,5 @@
-"""The estimator as a method of the solver: all readings of a survey in a single adjustment, and its
-identified quantities.
+"""The estimator as a method of the solver: a single adjustment of all readings of a survey, and the
+quantities that the readings identify.
 """
 
 from collections.abc import Sequence
@@ -77,7 +77,7 @@ class Estimate:
     """An adjustment, and the values, standard uncertainties and identifiability of all reported
     quantities.
 
-    ``u`` is combined, ``u_readings`` is the part from the readings' noise alone.
+    ``u`` is the combined uncertainty, ``u_readings`` its part from the noise of the readings.
     """
 
     adjustment: Adjustment
@@ -113,8 +113,8 @@ class Estimate:
         return matrix
 
     def number(self, name: str) -> tuple[float, float, float] | None:
-        """Return value, combined standard uncertainty and uncertainty by readings of a number, None
-        if not identified.
+        """Return the value of a reported number, its combined standard uncertainty and the part by
+        the readings; None if the number is not identified.
         """
         row = self.quantities.of(name)[0]
         return (
@@ -124,8 +124,9 @@ class Estimate:
         )
 
     def curve(self, name: str, nodes: int) -> tuple[Vector, Vector, Vector] | None:
-        """Return value and standard uncertainties of a function at nodes 0 .. n, zero where it is
-        zero by definition."""
+        """Return the values of a function at nodes 0 .. n and their combined and reading
+        uncertainties, with zero at nodes where the function is zero by definition.
+        """
         if not self.known[name]:
             return None
         rows = self.quantities.of(name)
@@ -143,7 +144,7 @@ def estimate(
     straightness: Sequence[MeasuredStraightness] = (),
     assumed: Assumptions | None = None,
 ) -> Estimate:
-    """Adjust a survey and evaluate everything that can be reported. Raises the errors of
+    """Adjust a survey and evaluate every quantity that can be reported. Raises the errors of
     `solver.adjustment.adjustment.adjust`.
     """
     adjustment = adjust(
@@ -162,8 +163,8 @@ def estimate(
             alone + np.maximum(spread.variance(moved), spread.variance_by_readings(moved))
         ),
         u_readings=deviation(alone + spread.variance_by_readings(moved)),
-        # with a single increment a function has only its ends: the shape between them is zero and
-        # is no combination of unknowns
+        # with a single increment a function has only its two ends: its shape is zero and is no
+        # combination of unknowns
         known={
             **dict.fromkeys(DISPLACEMENTS, True),
             **identified(found, inverse, usual_sizes_of(adjustment.assumed)),
@@ -192,10 +193,11 @@ def solve_estimate(
     assumed: Assumptions | None = None,
     trials: int = 0,
 ) -> Result:
-    """Return the result of the estimator; a quantity that the readings do not identify is None and
-    named in a finding with its remedy.
+    """Return the result of the estimator; a quantity that the readings do not identify is None, and
+    a finding names it with a remedy.
 
-    With ``trials`` the result also holds the scatter of this number of drawn surveys (JCGM 101).
+    With ``trials`` the result also contains the scatter of this number of simulated surveys (JCGM
+    101).
     """
     straightness = at_targets(straightness, layout)
     done, of_head = agreeing(
@@ -268,8 +270,9 @@ def solve_estimate(
 def _over_the_volume(
     result: Result, done: Estimate, resolved: Sequence[str]
 ) -> tuple[Result, dict[str, float]]:
-    """Return the result with its statements about the whole volume, the machine's posterior, its
-    predictions, the remaining effect of the angles, and the effect of each source on the volume.
+    """Return the result with its statements about the whole volume (the machine's posterior, the
+    predicted errors, the remaining effect of the angles), and the effect of each source on the
+    volume in um.
     """
     found = done.adjustment
     wider = with_the_usual(found, done.spread, done.quantities, done.known)
@@ -289,8 +292,8 @@ def _over_the_volume(
 
 
 def _barely_seen(done: Estimate) -> Spread:
-    """Return the covariances, in which quantities have their usual sizes where the readings
-    determine them less well.
+    """Return the covariances, with the usual size for each quantity that the readings do not
+    determine.
     """
     determined = identified(done.quantities, done.spread.fit.inverse, {})
     kept = {
@@ -341,8 +344,8 @@ def _positioning(done: Estimate, name: str) -> Function:
 
 
 def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
-    """Return a function with its slope if this is identified, else its shape, else without
-    values.
+    """Return a function with its slope if the slope is identified; else its shape alone; else a
+    function without values.
     """
     volume, axis = done.adjustment.layout.volume, AXIS_LETTERS.index(name[-1])
     full = done.curve(with_slope, volume.increments) if with_slope else None
@@ -360,7 +363,7 @@ def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
 
 
 def _known_angle(done: Estimate, name: str) -> Function:
-    """Return a given angular function, adjusted within its uncertainty if any."""
+    """Return a known angular function as adjusted within its stated uncertainty."""
     volume = done.adjustment.layout.volume
     value, stated = (
         np.concatenate([[0.0], column])
@@ -378,9 +381,10 @@ def _known_angle(done: Estimate, name: str) -> Function:
 
 
 def _reversal(done: Estimate) -> dict[str, Function]:
-    """Return the reversal of every function that the readings determine: with its value at the low
-    end if the data contain it, otherwise from zero there (u is zero too). The assumption that
-    reversal hardly changes along an axis makes no function determined.
+    """Return the reversal function of every error whose reversal the readings determine. It starts
+    at the low end with the measured value if the readings contain this value, else with zero and u
+    = 0. The assumption that a reversal hardly changes along its axis does not count as a
+    determination.
     """
     if REVERSAL_PART not in done.adjustment.design.columns.parts:
         return {}
@@ -398,7 +402,7 @@ def _reversal(done: Estimate) -> dict[str, Function]:
 
 def backlash_numbers(done: Estimate) -> Backlashes | None:
     """Return the mean backlash of each axis (approach in + minus approach in -), in um with its u:
-    the value for a control's parameter.
+    this is the value of the control's backlash parameter.
     """
     columns = done.adjustment.design.columns
     found: dict[str, Backlash] = {}
@@ -477,8 +481,8 @@ def _missing(done: Estimate) -> list[Finding]:
 
 
 def _standing(done: Estimate) -> Finding:
-    """Return the finding of a survey in which an axis did not travel: it measures axes, but no
-    volume.
+    """Return the finding about a survey in which an axis did not travel: such a survey measures
+    axes, but no volume.
     """
     moved = done.adjustment.layout.volume.travelled
     standing = [

@@ -1,5 +1,6 @@
-"""A positioning function at every position where it was measured: at the nodes, and where a finer
-run of its axis alone passed."""
+"""A positioning function at every measured position: at the nodes, and at the targets of a finer
+run of its axis alone.
+"""
 
 from dataclasses import replace
 
@@ -14,8 +15,8 @@ from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 NEAR = 0.05
-"""Positions within this share of a cell get the value of its node: two such close values, from a
-program with a single decimal, would give a slope of noise only.
+"""Share of a cell within which a position counts as the node: the slope between two values at such
+close positions (as in a program with one decimal) would be noise alone.
 """
 
 
@@ -27,10 +28,10 @@ def finer(
     function: Function,
     name: str,
 ) -> Function:
-    """Return a function of the result with its values off the nodes, unchanged where there are
-    none.
+    """Return a function of the result with its values between the nodes added; unchanged if it has
+    no such values.
 
-    ``stands_as`` is the name of its node values among the quantities.
+    ``stands_as`` is the name of the function's node values among the quantities.
     """
     if (
         name not in found.between.names
@@ -77,7 +78,9 @@ def finer(
 def _between_rows(
     found: Adjustment, quantities: Quantities, stands_as: str, position_mm: Vector, axis: int
 ) -> Rows:
-    """Return the straight line between the nodes at positions, as combinations of the unknowns."""
+    """Return the values at some positions of the straight lines between the nodes, as combinations
+    of the unknowns.
+    """
     volume, mine = found.layout.volume, quantities.of(stands_as)
     at_nodes = quantities.combination.select(mine)
     dense = np.zeros((volume.increments + 1, at_nodes.count))

@@ -1,9 +1,9 @@
-"""The 4-DOF head's straightness in a result: its figures by the three reference lines, and whether
-the diagonals agree.
+"""The 4-DOF head's straightness in a result: the figures by the three reference lines, and the
+comparison with the diagonals.
 
-In a contradiction neither is known to be right, and their mean would certainly be wrong. The result
-then has the values of the diagonals, with an uncertainty that includes the head's values, and no
-export is made before the cause is known.
+If head and diagonals contradict each other, neither is known to be right, and their mean would
+certainly be wrong. The result then contains the values of the diagonals, with an uncertainty that
+includes the head's values; an export is refused until the cause is known.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,18 +33,18 @@ reported: two.
 """
 LIKELY = 0.8
 """Probability, by the differences among a head's values, that the waves between the nodes are no
-larger than assumed. With this value, 6 of 180 exact surveys were contradictions (12 with 0.5), none
-for waves no smaller than `BENT`; from 0.95 on, wrong signs begin to be hidden.
+larger than assumed. With 0.8, 6 of 180 surveys without a fault were called contradictions (12 with
+0.5), none of them with waves of at least `BENT`; from 0.95 on, wrong signs begin to be hidden.
 """
 BENT = 2.0 / 8.0
-"""In the middle between two nodes a function leaves the straight line by this share of its second
-differences at the nodes: by an eighth if it is smooth, by twice that if its waves are two
-increments long.
+"""Departure of a function from the straight line, in the middle between two nodes, as a share of
+the function's second differences at the nodes: an eighth for a smooth function, a quarter for waves
+two increments long.
 """
 
 
 class Adjusted(Protocol):
-    """The part of an estimate needed here."""
+    """The part of an estimate that this module uses."""
 
     @property
     def adjustment(self) -> Adjustment: ...
@@ -59,10 +59,11 @@ def agreeing(
     estimated: Callable[[Sequence[MeasuredStraightness]], Done],
     measured: Sequence[MeasuredStraightness],
 ) -> tuple[Done, dict[str, HeadStraightness]]:
-    """Return the estimate from the head's functions that the readings do not contradict, and the
-    report on all of them.
+    """Return the estimate with those functions of the head that the readings do not contradict, and
+    the report on all functions of the head.
 
-    The worst function is left out first, because a wrong function makes others look wrong.
+    The function with the largest contradiction is left out first, because a wrong function makes
+    the others look wrong.
     """
     kept, apart = list(measured), dict[str, HeadStraightness]()
     alone = estimated(())
@@ -83,11 +84,11 @@ def agreeing(
 
 
 def sizes_of(alone: Adjusted) -> dict[str, float]:
-    """Return the sizes of angular functions and of the waves between the nodes relative to the
-    usual, by the name of the effect, from the readings alone; at least one.
+    """Return the sizes of angular functions and of the waves between the nodes, relative to their
+    usual sizes and at least one, from the laser's readings alone, by the name of the effect.
 
-    The head's values are compared with the diagonals using these sizes: an error of eight
-    micrometres would otherwise look like 80 urad, or like a movement between the nodes.
+    The comparison of the head's values with the diagonals uses these sizes: else an error of 8 um
+    in the head's values would look like 80 urad, or like a movement between the nodes.
     """
     effects = zip(alone.adjustment.effects, alone.adjustment.sizes.factor, strict=True)
     turning = {
@@ -116,8 +117,8 @@ def beside_head(
     measured: Sequence[MeasuredStraightness],
     found: Adjustment,
 ) -> tuple[dict[str, Function], dict[str, HeadStraightness]]:
-    """Return functions and report; if head and diagonals contradict each other, the report has the
-    difference, and U includes it.
+    """Return the functions and the report; if head and diagonals contradict each other, the report
+    contains their difference, and U of the function includes this difference.
     """
     wider, compared = dict(errors), dict(report)
     for name in _contradicting(report):
@@ -156,14 +157,14 @@ def _contradicting(report: Mapping[str, HeadStraightness]) -> list[str]:
 def head_report(
     found: Adjustment, measured: Sequence[MeasuredStraightness], sizes: Mapping[str, float]
 ) -> dict[str, HeadStraightness]:
-    """Return for each function of the head: passes, straightness by each line, its uncertainty, and
-    its fit to the readings.
+    """Return the report on each function of the head: the passes, the straightness by each
+    reference line with its uncertainty, and the agreement with the readings.
 
     ``residual_um`` is the rms of the head's values against the adjusted function; ``misclosure`` is
     `_misclosure` over its chance limit (99.9 % point): above 1 the head and the diagonals
-    contradict each other. There, causes have their usual size, angular functions the size by
-    `sizes_of`, and waves between the nodes at least the usual size. ``sign_hidden``: a wrong sign
-    would not be noticed (`_sign_hidden`).
+    contradict each other. For ``misclosure`` the causes have their usual size, angular functions
+    the size by `sizes_of`, and waves between the nodes at least the usual size. ``sign_hidden`` is
+    true if a wrong sign would not be noticed (`_sign_hidden`).
     """
     rows = _head_rows(found, measured)
     checked = _checked(found, sizes, rows)
@@ -177,9 +178,9 @@ def head_report(
 
 @dataclass(frozen=True, eq=False)
 class _Checked:
-    """A fit that compares the head's values with all others, the fit of each function's values
-    ``alone``, and the factor by which each cause (q,) is reduced to its usual size (``as_usual``).
-    Waves between the nodes are those at the head's positions.
+    """The ``fit`` of all readings and all values of the head, the fits of each function's values
+    ``alone``, and the factor ``as_usual`` (q,) that reduces each cause to its usual size. Waves
+    between the nodes are those at the head's positions.
     """
 
     fit: MixedFit
@@ -190,10 +191,11 @@ class _Checked:
 def _checked(
     found: Adjustment, sizes: Mapping[str, float], functions: Mapping[str, NDArray[np.bool_]]
 ) -> _Checked:
-    """Return the usual fit, with angular functions of the given sizes.
+    """Return the fits for the comparison: the causes have their usual sizes, the angular functions
+    the given sizes.
 
-    The waves between the nodes have the size shown by the rows of each of the head's functions: the
-    size from all rows would be large enough to hide a wrong sign if head and diagonals have few
+    The size of the waves between the nodes follows from the rows of each of the head's functions by
+    itself. The size from all rows together would hide a wrong sign if head and diagonals have few
     common positions.
     """
     between = np.repeat(
@@ -219,7 +221,7 @@ def _checked(
 
 
 def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
-    """Return the fit with usual sizes, except for the given sizes of some effects."""
+    """Return the fit with the usual sizes of all effects except those in ``sizes``."""
     factor = [
         sizes.get(effect.name, size) / size
         for effect, size in zip(found.effects, found.sizes.factor, strict=True)
@@ -230,11 +232,12 @@ def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
 
 
 def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
-    """Return chi-square of the difference between the rows (``alone``) and all ``others``, or of
-    the rows among themselves if larger, over its chance limit; None with too few checked rows.
+    """Return chi-square, divided by its chance limit, of the difference between a function's rows
+    (``alone``) and all ``others``, or of these rows among themselves if that is larger. The value
+    is None if too few rows are checked.
 
-    A common sum over all passes would hide a difference between passes that agree with each other
-    and the other passes.
+    One chi-square over all passes would hide the difference between passes of the head that agree
+    with each other and all other passes.
     """
     among = _over_chance(alone.chi_square, alone.freedom)
     return max(
@@ -251,8 +254,9 @@ def _apart(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
 
 
 def _chi_square_limit(freedom: int) -> float:
-    """Return the 99.9 % point of chi-square (Wilson and Hilferty's approximation, good to a per
-    cent from 3 degrees of freedom)."""
+    """Return the 99.9 % point of chi-square (Wilson and Hilferty's approximation, exact to 1 % from
+    3 degrees of freedom).
+    """
     spread = 2.0 / (9.0 * freedom)
     return float(freedom * (1.0 - spread + NORMAL_999 * np.sqrt(spread)) ** 3)
 
@@ -264,8 +268,8 @@ def _over_chance(chi_square: float, freedom: int) -> float | None:
 def _sign_hidden(
     checked: _Checked, rows: NDArray[np.bool_], others: MixedFit, alone: MixedFit
 ) -> bool:
-    """Return whether both signs of the head's values agree with the other readings, only because
-    errors between the nodes may explain the difference.
+    """Return whether the head's values agree with the other readings in both signs, only because
+    errors between the nodes can explain the difference.
     """
     if np.all(checked.as_usual == 1.0):
         return False
@@ -280,15 +284,15 @@ def _sign_hidden(
 
 
 def _turned_over(whole: MixedFit, rows: NDArray[np.bool_]) -> MixedFit:
-    """Return a fit with the values of some rows in the opposite sign."""
+    """Return a fit with the opposite sign of the values in some rows."""
     return whole.for_target(np.where(rows, -1.0, 1.0) * whole.fixed.target)
 
 
 def _head_rows(
     found: Adjustment, measured: Sequence[MeasuredStraightness]
 ) -> dict[str, NDArray[np.bool_]]:
-    """Return for each function the rows of the fit that belong to it: the head's passes follow the
-    readings.
+    """Return a mask of the fit's rows for each function of the head: the rows of the head's passes
+    follow those of the readings.
     """
     name = np.array([one.name for one in measured for _ in one.position_mm])
     before, after = len(found.layout), len(found.fit.weight) - len(found.layout) - len(name)
@@ -325,8 +329,8 @@ def _mean(position: Vector, value: Vector) -> tuple[Vector, Vector]:
 
 
 def head_findings(report: Mapping[str, HeadStraightness]) -> list[Finding]:
-    """Return the findings on functions with different results of head and diagonals, and on
-    functions whose wrong sign would not be noticed.
+    """Return the findings about functions for which head and diagonals differ, and about functions
+    whose wrong sign would not be noticed.
     """
     bad = _contradicting(report)
     hidden = [name for name, facts in report.items() if facts.sign_hidden and name not in bad]

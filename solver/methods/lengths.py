@@ -1,9 +1,9 @@
-"""The temperature of a result's lengths, and the lengths at the other temperature: as measured, and
-at 20 C (ISO 1).
+"""The temperature of a result's lengths, that of the survey or 20 C (ISO 1), and the lengths at the
+other of these two temperatures.
 
-The scales, and with them EXX, EYY and EZZ, hold for a single temperature: that of the survey, or 20
-C if every reading was reduced before. The tables correct these scales. The scales at the other
-temperature are shown beside them and are in no table: the two are never mixed.
+The scales, and with them EXX, EYY and EZZ, are valid for one temperature: that of the survey, or 20
+C if every reading was reduced to 20 C before. The tables correct these scales. The report also
+shows the scales at the other temperature, which no table uses.
 """
 
 from collections.abc import Mapping
@@ -26,22 +26,23 @@ from stepdiag.solver.model.warmth import expansions
 AS_MEASURED: Lengths = "as_measured"
 AT_20_C: Lengths = "at_20_c"
 UNMEASURED_C = 3.5
-"""Standard uncertainty of 20 C, or of the value in a survey file, without a measurement: that of a
-sensor silent for an hour. The user's own statement replaces it, smaller or larger.
+"""Standard uncertainty in C of an assumed material temperature (20 C, or the value in a survey
+file): that of a sensor without a reading for an hour. A value stated by the user replaces this
+assumption.
 """
 REACH_MM = 100.0
-"""Distance from mirror to tool for which the effect of the angles is reported."""
+"""Distance from the mirror to the tool tip for which the effect of the angles is reported."""
 
 
 def at_their_temperature(
     readings: Readings, assumed: Assumptions | None, source: str
 ) -> Assumptions:
-    """Return the assumptions with the temperature of the readings: whether they are reduced to 20
-    C, and the material's temperature.
+    """Return the assumptions with two facts added: whether the readings are reduced to 20 C, and
+    the material's temperature.
 
-    Readings reduced to 20 C from an unmeasured temperature carry its uncertainty: the user's
-    statement, else `UNMEASURED_C`. Raises ``DataError`` if some readings were reduced to 20 C and
-    others not.
+    Readings reduced to 20 C from an unmeasured temperature carry the uncertainty of this
+    temperature: the value stated by the user, else `UNMEASURED_C`. Raises ``DataError`` if some
+    readings were reduced to 20 C and others not.
     """
     found = assumed or Assumptions()
     reduced = bool(len(readings) and readings.at_20_c.all())
@@ -68,11 +69,10 @@ def at_their_temperature(
 
 
 def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[Finding, ...]:
-    """Return the findings about readings (their ``temperature_c``) without a measured temperature,
-    if any.
+    """Return the findings about readings without a measured temperature (NaN in ``temperature_c``).
 
-    A machine's sensor, or the operator, gives a temperature for each reading: a value for some
-    readings only is not the temperature of the survey.
+    A machine's sensor, or the operator, gives a temperature for each reading: a temperature of only
+    some readings is not the temperature of the survey.
     """
     missing = int(np.count_nonzero(~np.isfinite(temperature_c)))
     if not missing:
@@ -109,10 +109,11 @@ def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[F
 def lengths_report(
     scales: Mapping[str, Scale], assumed: Assumptions, *, known: bool
 ) -> LengthsReport:
-    """Return the lengths that the tables correct, and the scales as measured and at 20 C with their
-    combined u.
+    """Return which lengths the tables correct, and the scales as measured and at 20 C with the
+    combined u of each.
 
-    ``known``: the material's temperature was measured; without it the other scale is None.
+    ``known`` is true if the material's temperature was measured; else the scale at the other
+    temperature is None.
     """
     here, other = (
         (AT_20_C, AS_MEASURED) if assumed.reduced_to_20_c else (AS_MEASURED, AT_20_C)
@@ -137,8 +138,8 @@ def lengths_report(
 
 
 def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) -> LengthScale:
-    """Return a scale at the other temperature (um/m) and its u: a warm scale is longer, so the
-    machine appears to move too far.
+    """Return a scale (um/m) at the other temperature, and the u of this scale: a warm measuring
+    scale is longer, so the machine moves too far.
     """
     if scale.value is None or scale.u is None or not known:
         return LengthScale(value=None, u=None)
@@ -151,8 +152,8 @@ def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) ->
         return LengthScale(
             value=scale.value - coefficient * excess, u=float(np.hypot(scale.u, material))
         )
-    # the contribution of the reduction to 20 C is subtracted again on the way back; the readings'
-    # own part stays
+    # the conversion from 20 C back subtracts the uncertainty of the reduction to 20 C; the
+    # readings' own part stays
     least = scale.u_readings or 0.0
     return LengthScale(
         value=scale.value + coefficient * excess,
@@ -163,12 +164,12 @@ def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) ->
 def tool_report(
     errors: Mapping[str, Function], expected: Mapping[str, Function], assumed: Assumptions
 ) -> Tool:
-    """Return the place of the errors, and the effect of angles on a tool tip elsewhere, in um per
-    `REACH_MM` (k = 2).
+    """Return the point to which the errors belong, and the effect of the angles on a tool tip at
+    `REACH_MM` from this point, in um (k = 2).
 
-    Functions are those of the point of the beam on the mirror: the tool offset of the model is
-    zero. An angular function is represented by its largest value and U, an undetermined function by
-    the assumed range.
+    The functions belong to the point where the beam meets the mirror: the model's tool offset is
+    zero. An angular function enters with its largest value and U, an undetermined angular function
+    with the assumed range.
     """
     reach = []
     for name in ROTATIONS:

@@ -59,13 +59,15 @@ METHODS: dict[str, Method] = {
     "least-squares": _without_angles("least-squares", solve_least_squares),
     "wang2000": _without_angles("wang2000", solve_wang2000),
 }
-"""``estimate``: every quantity that the readings identify; ``least-squares``: four equations,
-corrected; ``wang2000``: as printed.
+"""The methods by name: ``estimate`` gives every quantity that the readings identify,
+``least-squares`` solves Wang's four equations as corrected, ``wang2000`` as printed.
 """
 
 
 def method_of(name: str) -> Method:
-    """Return a method. Raises ``UsageError`` for an unknown name, with the nearest known name."""
+    """Return the method of a name. Raises ``UsageError`` for an unknown name, with the nearest
+    known name.
+    """
     if name not in METHODS:
         near = difflib.get_close_matches(name, METHODS)
         remedy = message("did-you-mean", name=repr(near[0])) if near else ""

@@ -1,9 +1,9 @@
 """The figures of the standards for the driven setups: ISO 230-2, ASME B5.54 and VDI/DGQ 3441 along
 axes, ISO 230-6 along diagonals.
 
-Both directions are evaluated if the runs share the zero of the laser's count (contract 4, column
-``zero``). Passes that each restart at zero have lost the reversal value: the figures with it (B, R,
-A, and all of VDI/DGQ 3441) are then left out, with a finding.
+Both directions of travel are evaluated together if their passes share the zero of the laser's count
+(contract 4, column ``zero``). Passes that restart the count at zero contain no reversal value: the
+figures that need it (B, R, A, and all of VDI/DGQ 3441) are then left out, with a finding.
 """
 
 from collections.abc import Mapping
@@ -37,7 +37,9 @@ from stepdiag.solver.standards.iso230_uncertainty import (
 )
 
 STEPS_A_CYCLE: dict[Kind, int] = {"step": 3, "body": 1}
-"""Stops from a point of the diagonal to the next, for the kinds of setup along a body diagonal."""
+"""Number of stops from one point of the diagonal to the next, by the kind of setup along a body
+diagonal.
+"""
 DIAGONAL_STANDARD: dict[Kind, str] = {
     "body": "ISO 230-6:2002",
     "step": "as ISO 230-6:2002, on step diagonals (axes one after the other)",
@@ -47,7 +49,9 @@ DIAGONAL_ENTRY: dict[Kind, str] = {"body": "diagonals", "step": "step-diagonals"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SetupRuns:
-    """Targets by runs of one setup, their rows, and the reasons for targets or runs left out."""
+    """The runs of one setup: deviations by target and run, the rows of the readings, and findings
+    with the reasons for omitted targets or runs.
+    """
 
     setup: str
     rows: NDArray[np.int64]
@@ -56,8 +60,8 @@ class SetupRuns:
 
 
 def way_mm(layout: Layout, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]]) -> Vector:
-    """Return the distance along the setup's direction from the low end of the pass, shape
-    (rows,).
+    """Return the distance in mm of each row's stop from the low end of the pass along the setup's
+    direction, shape (rows,).
     """
     along: Vector = np.einsum("ij,ij->i", layout.position_mm[rows], layout.direction[rows])
     way: Vector = np.round(along - along.min(), 6)
@@ -65,7 +69,7 @@ def way_mm(layout: Layout, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]])
 
 
 def linear_runs(layout: Layout) -> dict[str, SetupRuns]:
-    """Return targets by runs of every run along an axis."""
+    """Return, by setup, the runs of every setup along an axis."""
     found = {
         setup.name: _runs(layout, index, 1)
         for index, setup in enumerate(layout.setups)
@@ -77,12 +81,12 @@ def linear_runs(layout: Layout) -> dict[str, SetupRuns]:
 def diagonals(
     layout: Layout, kind: Kind
 ) -> tuple[DiagonalFigures, dict[str, SetupRuns]] | None:
-    """Return the figures along the four diagonals of a kind (body, step), None where fewer were
-    driven.
+    """Return the figures along the four diagonals of a kind (body, step), and the runs of each;
+    None if fewer than four were driven.
 
     Only points on the diagonal are used: there the mirror's tilt has no first-order effect, because
-    it sums to zero over X + Y + Z (theory 4.2). ISO 230-6 moves all axes together; figures of step
-    diagonals carry a mark in their name, because they are not figures of the standard.
+    it sums to zero over X + Y + Z (theory 4.2). ISO 230-6 moves all axes together; the name of the
+    figures of step diagonals has a mark, because they are not figures of the standard.
     """
     found = {
         setup.name: _runs(layout, index, STEPS_A_CYCLE[kind])
@@ -99,8 +103,8 @@ def diagonals(
 def standards_report(
     layout: Layout, assumed: Assumptions | None = None
 ) -> dict[str, tuple[StandardFigures, ...]]:
-    """Return every figure, in um with ``U`` (k = 2): by setup, by standard, with the source of the
-    standard's formula.
+    """Return every figure of the standards, in um with ``U`` (k = 2), by setup: one entry for each
+    standard, with the source of its formula.
     """
     sources = assumed or Assumptions()
     report: dict[str, tuple[StandardFigures, ...]] = {}
@@ -127,7 +131,7 @@ def standards_report(
 
 
 def standards_findings(layout: Layout) -> list[Finding]:
-    """Return the reasons for figures left out, each once."""
+    """Return the findings with the reasons for omitted figures, without repetition."""
     along = [
         found for kind in STEPS_A_CYCLE if (found := diagonals(layout, kind)) is not None
     ]
@@ -140,13 +144,13 @@ def standards_findings(layout: Layout) -> list[Finding]:
 
 
 def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
-    """Return the stops of a setup on its line, every ``cycle``-th, of passes with all of them; None
-    without such a pass.
+    """Return the runs of a setup over every ``cycle``-th stop (the stops on its line), from passes
+    that contain all these stops; None without such a pass.
     """
     rows = np.flatnonzero(layout.setup_index == index)
     rows = rows[layout.stop[rows] % cycle == 0]
     way = way_mm(layout, rows)
-    # a turn without a second dwell was not approached from both sides
+    # the target of a turn without a second dwell was approached from one side only
     rows = rows[
         ~np.isin(way, way[np.any(layout.approach[rows] != _travel(layout, rows), axis=1)])
     ]
@@ -164,7 +168,7 @@ def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
     joined = len({_upward(layout, mine) for mine in kept}) > 1
     used = kept if joined else unbroken
     rows = np.concatenate(used)
-    # odd passes are those along the direction of the setup: a run may start at either end
+    # odd numbers are for passes along the setup's direction: a run may start at either end
     numbers = np.concatenate(
         [
             np.full(targets, 2 * place + _upward(layout, mine))
@@ -178,7 +182,9 @@ def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
 
 
 def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
-    """Return the passes of the stretch of unbroken count with the most runs in both directions."""
+    """Return the passes that share one zero of the laser's count: the zero with the most runs in
+    both directions.
+    """
     zeros = [int(layout.zero_index[mine[0]]) for mine in passes]
     ways = [(zero, _upward(layout, mine)) for zero, mine in zip(zeros, passes, strict=True)]
     longest = max(
@@ -192,8 +198,8 @@ def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[n
 
 
 def _travel(layout: Layout, rows: NDArray[np.int64]) -> Vector:
-    """Return the sign of every axis' travel in the pass of each row, at the approach of its last
-    stop, shape (rows, 3).
+    """Return the sign of the travel of every axis in the pass of each row, by the approach to the
+    last stop of this pass, shape (rows, 3).
     """
     last = {int(number): row for row, number in enumerate(layout.pass_index.tolist())}
     travel: Vector = layout.approach[
@@ -224,9 +230,9 @@ def _positioning(
 
 
 def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSources:
-    """Return the uncertainty of the runs: lengths to ppm, readings and drift in um.
+    """Return the uncertainty sources of the runs: lengths relative, readings and drift in um.
 
-    Only lengths at 20 C contain the material's temperature; lengths as measured do not.
+    The uncertainty of the material's temperature counts only for lengths at 20 C.
     """
     direction = np.abs(layout.direction[found.rows[0]])
     grown = float(assumed.reduced_to_20_c) * 1e-6 * assumed.u_grown_um_m()
@@ -243,7 +249,7 @@ def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSourc
 
 
 def _vdi(found: SetupRuns) -> list[StandardFigures]:
-    """Return the figures of VDI/DGQ 3441; none without both directions and two runs of each."""
+    """Return the figures of VDI/DGQ 3441; none without two runs in each of both directions."""
     runs = found.runs
     if runs.down_um is None or min(runs.up_um.shape[1], runs.down_um.shape[1]) < 2:
         return []
@@ -251,7 +257,9 @@ def _vdi(found: SetupRuns) -> list[StandardFigures]:
 
 
 def _largest_u(each: Mapping[str, StandardFigures]) -> dict[str, float]:
-    """Return for the machine's figures the U of the diagonals', the largest."""
+    """Return U of the machine's figures by name: the largest U of the corresponding figures of the
+    diagonals.
+    """
     names = {"E_d": "E", "B_d": "B", "R_d": "R", "A_d": "A"}
     stated = [one.U or {} for one in each.values()]
     return {
@@ -262,6 +270,6 @@ def _largest_u(each: Mapping[str, StandardFigures]) -> dict[str, float]:
 
 
 def _plain(figures: PositioningFigures | DiagonalFigures | VdiFigures) -> dict[str, Any]:
-    """Return the named numbers of figures, without those that the runs do not give."""
+    """Return the numbers of the figures by name, without numbers that the runs do not determine."""
     values = {field.name: getattr(figures, field.name) for field in fields(figures)}
     return {name: value for name, value in values.items() if isinstance(value, float | str)}

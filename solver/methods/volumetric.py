@@ -1,5 +1,5 @@
-"""The whole volume in a result: its posterior, the budget by sources, and the expected errors
-before and after tables.
+"""The statements of a result about the whole volume: the posterior of the machine, the budget by
+sources, and the expected errors before and after compensation.
 """
 
 from collections.abc import Mapping
@@ -56,22 +56,24 @@ from stepdiag.solver.uncertainty.monte_carlo import monte_carlo
 from stepdiag.solver.uncertainty.spread import Spread
 
 HEAD_URAD = 1.0
-"""Remaining range of an angular function measured by a 4-DOF head, in urad."""
+"""Range of the error that remains in an angular function measured by a 4-DOF head, in urad."""
 _MOST_OF_SHOWN = 1.5
-"""Largest factor between the other functions and a wave found in one function by a finer run; each
-factor from zero up to it is equally likely.
+"""Largest ratio of the waves in other functions to the wave that a finer run found in one function;
+every ratio from zero to this value is equally likely.
 """
 
 
 Machines = tuple[Machine, Machine, Vector]
-"""The whole machine, as the readings determine it, and the covariance of the rest (`as_known`)."""
+"""The whole machine, the part of it that the readings determine, and the covariance of the
+undetermined part (`as_known`).
+"""
 
 
 def with_the_usual(
     found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]
 ) -> Spread:
-    """Return the covariances with the usual sizes for unidentified quantities; unchanged if all are
-    identified.
+    """Return the covariances with the usual sizes for unidentified quantities; unchanged if all
+    quantities are identified.
     """
     rows, u = usual_rows(quantities, known, found.assumed)
     return (
@@ -89,11 +91,11 @@ def make_posterior(
     known: Mapping[str, bool],
     errors: Mapping[str, Function],
 ) -> Posterior:
-    """Return the possible differences between the machine and the report; unidentified quantities
-    have their usual size.
+    """Return the possible differences between the machine and the reported errors; unidentified
+    quantities have their usual size.
 
-    ``wider`` are the covariances including them (`with_the_usual`), the basis of the machine's
-    expected state; ``machines`` as from `as_known`.
+    ``wider`` are the covariances with unidentified quantities (`with_the_usual`), which give the
+    machine's expected state; ``machines`` come from `as_known`.
     """
     machine, seen, unmeasured = machines
     offset = _offset(machine, wider, spread, errors, known)
@@ -106,8 +108,8 @@ def make_posterior(
 def as_known(
     found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]
 ) -> Machines:
-    """Return the whole machine, its values by the readings, and the covariance of the undetermined
-    parts (`separated`).
+    """Return the whole machine, the part that the readings determine, and the covariance of the
+    undetermined part (`separated`).
     """
     first = found.first_cause("angles") if found.shapes.names else 0
     machine = machine_of(
@@ -126,16 +128,16 @@ def volume_shares_um(
     posterior: Posterior,
     u_um: float,
 ) -> dict[str, float]:
-    """Return the root mean square of the error vector over the volume by source (k = 1), of the
-    same causes as the posterior.
+    """Return the root mean square of the error vector over the volume by source of uncertainty (k =
+    1), from the same causes as the posterior.
 
     ``u_um`` is the combined value of all sources. For unmeasured errors only the usual size is
-    known, within a factor: their share is the rest of ``u_um``.
+    known, within a factor: the remainder of ``u_um`` is their share.
     """
     _, seen, unmeasured = machines
     fields = free_fields_um(seen, found.layout.volume, found.design.chain)
-    # a matrix: the square sum of its product with the values is that of the error vector, mean over
-    # the points
+    # a smaller matrix in place of the fields: its product with the values has the same square sum
+    # as the error vector, as a mean over the points
     over = np.sqrt(3.0 / fields.shape[1]) * np.linalg.qr(fields.T, mode="r")
     alone = over @ seen.combination.dense()
     moved = over @ spread.moved(seen.combination, seen.on_causes)
@@ -170,7 +172,8 @@ def _offset(
     """Return the expected difference between the machine and the report: it consists only of
     unidentified values, which the report leaves out.
 
-    Of a positioning function without an identified slope, the rest is reported nevertheless.
+    Without an identified slope a positioning function is still reported, as a shape without the
+    slope.
     """
     expected = (
         machine.combination.times(wider.fit.unknowns) + machine.on_causes @ wider.fit.amount
@@ -201,10 +204,10 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     """Return equally likely sizes of the deviation of each displacement function from the straight
     line in the middle between two targets.
 
-    The bends of its values from target to target, beyond their noise, give the size within a
-    factor. Waves that leave no trace at the targets are assumed in the positioning functions
-    (screw, scale), because no reading gives their size or excludes them. If a finer run shows such
-    waves of a function, the others may have them as well.
+    The bends of a function's values from target to target, as far as they exceed the noise, give
+    this size within a factor. Waves that leave no trace at the targets are assumed in the
+    positioning functions (screw, scale), because no reading gives their size or excludes them. If a
+    finer run shows such waves in one function, other functions may have similar waves.
     """
     factor, found, shown = hidden_factors(), {}, shown_finer_um(errors)
     likely, share = (
@@ -213,8 +216,8 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     )
     for name in DISPLACEMENTS:
         function = errors[name]
-        # values of an unmeasured function are drawn independently: they are rougher than any smooth
-        # function
+        # the values of an unmeasured function are drawn independently, so they are rougher than a
+        # smooth function
         arch, within, value = 0.0, 0.0, evenly_spaced(function)
         if len(value) > 2:
             arch, within = arch_um(value, noise_um_of(function))
@@ -235,7 +238,7 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
 
 
 def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
-    """Return the findings on `coarse_functions` and `hiding_functions`."""
+    """Return the findings about the functions of `coarse_functions` and `hiding_functions`."""
     found = []
     if names := coarse_functions(errors):
         found.append(message("increments-coarse", names=names))
@@ -257,12 +260,12 @@ def budget(
     texts: Mapping[str, Words],
     volume: Mapping[str, float],
 ) -> Budget:
-    """Return the budget (k = 1): the assumptions, the shares per function or number by source, and
-    their combination.
+    """Return the budget (k = 1): the assumptions, the share of each source in the uncertainty of
+    each function or number, and the combined uncertainty.
 
-    Shares are root mean squares over the nodes of a function; those over the ``volume`` come first
-    (`volume_shares_um`). Unidentified quantities are left out, because their numbers depend on an
-    arbitrary choice of solution and differ between processors.
+    The shares of a function are root mean squares over its nodes; the shares over the ``volume``
+    come first (`volume_shares_um`). Unidentified quantities are left out, because the numbers
+    depend on an arbitrary choice of solution and differ between processors.
     """
     moved = spread.moved(quantities.combination)
     shares = {READINGS: u_readings, **spread.shares(moved)}
@@ -294,8 +297,9 @@ def _known(quantities: Quantities, known: Mapping[str, bool]) -> dict[str, NDArr
 def drawn_surveys(
     spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, trials: int
 ) -> MonteCarlo:
-    """Return for each function (rms over its nodes) or number the standard deviation of drawn
-    surveys, beside the stated one, and the shortest 95 % interval of a number (JCGM 101).
+    """Return, for each function (rms over its nodes) or number, the standard deviation of simulated
+    surveys and the stated standard uncertainty, and for a number the shortest 95 % interval (JCGM
+    101).
     """
     drawn = monte_carlo(spread, quantities.combination, trials=trials)
     report = {}
@@ -316,18 +320,19 @@ def volume_report(result: Result, posterior: Posterior) -> tuple[Predicted, floa
 
 
 def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[str, float]:
-    """Return the volumetric uncertainty as found, and the same with all angular functions known
-    within `HEAD_URAD`.
+    """Return the volumetric uncertainty of the survey (``now``), and the volumetric uncertainty if
+    a head had measured all angular functions within `HEAD_URAD` (``with_head``).
 
-    Unidentified quantities have their usual size (`with_the_usual`), as in ``now_um``: without it
-    they would be those of an arbitrary solution.
+    Unidentified quantities have their usual size (`with_the_usual`), as in ``now_um``; else they
+    would have the values of an arbitrary solution.
     """
     if not found.shapes.names:
         return {"now": now_um, "with_head": now_um}
     turning = wider.causes_of(*TURNING)
     usual = float(np.mean(found.shapes.range_urad)) * wider.sizes.factor[wider.group]
     factor = np.where(turning, 2.0 * HEAD_URAD / np.maximum(usual, 2.0 * HEAD_URAD), 1.0)
-    # the readings hold the angles unchanged: with small angles they would enlarge all other causes
+    # the sizes of all other causes stay as estimated: with smaller angles the readings would
+    # enlarge these sizes
     sure = replace(wider.sizes, sought=np.zeros_like(wider.sizes.sought))
     quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)
     machine = machine_of(

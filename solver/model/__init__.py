@@ -1,5 +1,5 @@
 """The linear model: the unknowns of a survey and the dependence of each reading on them.
 
-In: readings and known angles. Out: a layout, rows of the design, the requested quantities. Imported
-by adjustment and above.
+Input: readings and known angles. Output: a layout, the rows of the design matrix, the requested
+quantities. The package `adjustment` and the packages above it import this package.
 """

@@ -28,7 +28,7 @@ class KnownAngle:
 
 
 Angles = Mapping[str, KnownAngle]
-"""The angular functions that are known, by name (EAX .. ECZ)."""
+"""The known angular functions by name (EAX .. ECZ)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +40,11 @@ class _Row:
 
 
 def parse_angles(text: str, source: str = "angles.csv") -> Angles:
-    """Return the functions of an angles file (contract 4); an empty field is unknown, a column
-    without a number gives no function.
+    """Return the functions of an angles file (contract 4); an empty field is a missing value, a
+    column without a number gives no function.
 
-    Raises ``DataError``, with the line, for any other content, and for a function with fewer than
-    two positions.
+    Raises ``DataError``, with the line, for content that is not such a file, and for a function
+    with fewer than two positions.
     """
     table = read_table(text, source, ("axis", "position_mm", *ROTATION_COLUMNS))
     rows = [_angle_row(source, number, fields) for number, fields in table]
@@ -107,8 +107,8 @@ def _function(where: str, rows: list[_Row], component: int) -> KnownAngle:
 
 
 def render_angles(angles: Angles) -> str:
-    """Return the angles file of contract 4, LF line ends, six decimals, same bytes for the same
-    functions: a row for each uncertainty.
+    """Return the text of an angles file (contract 4) with LF line ends and six decimals: the same
+    functions give the same bytes. Functions with different uncertainties stand in different rows.
     """
     lines = ["axis,position_mm," + ",".join(ROTATION_COLUMNS) + ",u_urad"]
     for axis, letter in enumerate(AXES):
@@ -155,8 +155,8 @@ def angle_at_nodes(known: KnownAngle, name: str, volume: Volume) -> tuple[Vector
     """Return an angular function and its standard uncertainty at nodes 1 .. n of its axis, relative
     to node 0, shapes (n,), in urad.
 
-    Linear between the positions given. Raises ``DataError`` where the file does not reach both ends
-    of the volume.
+    The values are interpolated linearly between the known positions. Raises ``DataError`` where the
+    file does not reach both ends of the volume.
     """
     nodes = volume.nodes_mm(AXES.index(name[2].lower()))
     low, high = known.position_mm[0], known.position_mm[-1]

@@ -1,10 +1,11 @@
 """Readings between the nodes: the departure of a function from the straight line between its nodes,
-as further unknowns.
+as further unknowns of the adjustment.
 
 A linear run may have more targets than the diagonals, diagonals may have different increments, and
 a 4-DOF head's run may have more stops: a function's departure in such a reading is not noise.
-Within a cell the departure is a Brownian bridge (zero at both nodes, without further smoothness),
-whose size is estimated with the others.
+Within a cell (two neighbouring nodes) the departure is a Brownian bridge (zero at both nodes,
+without further smoothness). The size of these bridges is estimated together with the sizes of the
+other effects.
 """
 
 from collections.abc import Sequence
@@ -22,19 +23,24 @@ from stepdiag.solver.model.lateral import MeasuredStraightness, nodes_of
 from stepdiag.solver.model.layout import Layout
 
 USUAL_UM = 0.5
-"""Standard deviation in the middle between two nodes at the start of the search."""
+"""Standard deviation of a function's departure in the middle between two nodes, at the start of the
+search for this size.
+"""
 MOST_CAUSES = 600
-"""With more positions, only the longest waves of every cell are kept: shorter ones are smaller."""
+"""Largest number of causes between the nodes: if the positions need more, only the longest waves of
+every cell are kept, because shorter waves are smaller.
+"""
 BETWEEN = "between the nodes"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisBetween:
-    """The off-node positions of an axis in mm, ascending, and the ``basis`` (positions, r) of a
-    function's departure there.
+    """The positions between the nodes of an axis in mm, ascending, and the ``basis`` (positions, r)
+    of a function's departure at these positions.
 
-    ``alone`` (positions,) marks the positions of a laser's run of this axis alone: there its
-    positioning is measured; elsewhere only a sum is, or a head measured straightness.
+    ``alone`` (positions,) marks the positions of a laser's run of this axis alone: only such a run
+    measures the positioning function there. At the other positions a reading contains a sum of
+    functions, or a head measured the straightness.
     """
 
     position_mm: Vector
@@ -44,8 +50,8 @@ class AxisBetween:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Between:
-    """The positions between the nodes by axis; ``names`` of the functions that affect readings
-    there, in the order of their causes.
+    """The positions between the nodes by axis, and the ``names`` of the functions that affect the
+    readings at these positions, in the order of the causes.
     """
 
     axes: tuple[AxisBetween, ...]
@@ -53,23 +59,23 @@ class Between:
 
     @property
     def count(self) -> int:
-        """Return the number of causes."""
+        """Return the number of causes between the nodes."""
         return sum(self.of(name).basis.shape[1] for name in self.names)
 
     def of(self, name: str) -> AxisBetween:
-        """Return positions and basis of a function."""
+        """Return the positions between the nodes, and the basis there, of a function's axis."""
         return self.axes[DISPLACEMENTS.index(name) // 3]
 
     def causes_of(self, name: str) -> slice:
-        """Return the indices of a function's causes among all."""
+        """Return the indices of a function's causes among all causes between the nodes."""
         before = self.names[: self.names.index(name)]
         first = sum(self.of(one).basis.shape[1] for one in before)
         return slice(first, first + self.of(name).basis.shape[1])
 
 
 def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) -> Between:
-    """Return the causes between the nodes, from readings or a head's passes: none where all
-    positions are nodes.
+    """Return the causes between the nodes that the readings and a head's passes contain: none if
+    all positions are nodes.
     """
     off = _off_nodes(layout)
     heads = [(one.name, one.position_mm[_head_off_nodes(layout, one)]) for one in measured]
@@ -98,7 +104,9 @@ def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) ->
 
 
 def effect_between(layout: Layout, between: Between) -> Effect:
-    """Return the effect on the readings, one column for each cause."""
+    """Return the effect of the functions' departures between the nodes on the readings, one column
+    for each cause.
+    """
     off = _off_nodes(layout)
     pattern = np.zeros((len(layout), between.count))
     for name in between.names:
@@ -115,7 +123,9 @@ def effect_between(layout: Layout, between: Between) -> Effect:
 def between_beside_head(
     layout: Layout, measured: Sequence[MeasuredStraightness], between: Between
 ) -> Vector:
-    """Return the effect on the head's values, shape (rows, causes)."""
+    """Return the effect of the functions' departures between the nodes on the head's values, shape
+    (rows, causes).
+    """
     pieces = [np.zeros((0, between.count))]
     for one in measured:
         rows = np.flatnonzero(_head_off_nodes(layout, one))
@@ -130,10 +140,10 @@ def between_beside_head(
 
 
 def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
-    """Return for each reading and axis whether it lies between the nodes of an axis travelled by
-    its setup, shape (m, 3).
+    """Return for each reading and axis whether the stop lies between the nodes of an axis that the
+    setup travels, shape (m, 3).
 
-    The error of a standing axis is in the offset of the count.
+    An axis that stands adds its error to the offset of the count.
     """
     _, fraction = between_nodes(layout.volume, layout.position_mm)
     travels = np.array([setup.signs for setup in layout.setups])[layout.setup_index] != 0
@@ -164,8 +174,9 @@ def _positions(
 def _axis(
     layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool_], waves: float
 ) -> AxisBetween:
-    """Return the deviations of an axis between its targets, in each cell (two neighbouring
-    targets) of the positions, with at most ``waves`` half waves a cell."""
+    """Return the basis of the departures at some positions of an axis: in each cell between two
+    neighbouring nodes the bridge has at most ``waves`` half waves.
+    """
     steps = (
         (position_mm - layout.volume.origin_mm[axis])
         / layout.volume.length_mm[axis]
@@ -190,7 +201,7 @@ def _axis(
 
 
 def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> AxisBetween:
-    """Return the axis with a share of its components, at least one a cell."""
+    """Return the axis with fewer half waves in its basis: the given share, at least one a cell."""
     volume = layout.volume
     steps = (
         (axis.position_mm - volume.origin_mm[number])
@@ -208,8 +219,8 @@ def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> Ax
 
 
 def _places(positions: Vector, wanted: Vector) -> NDArray[np.int64]:
-    """Return for each wanted value the stored position at or before it: of equal positions the
-    smallest is stored.
+    """Return for each wanted value the index of the stored position at or below it: of positions
+    equal within the tolerance the smallest is stored.
     """
     found: NDArray[np.int64] = np.searchsorted(positions, wanted, side="right") - 1
     return found

@@ -1,5 +1,5 @@
-"""The linear reading model: every reading as a sum over the machine's errors at the nodes and the
-further unknowns of its setup.
+"""The linear model of the readings: each reading is a sum over the machine's errors at the nodes
+and the further unknowns of the reading's setup.
 
     deviation = d . sum_a delta_a(a) + sum_a alpha_a(a) . ((spot - O_a) x d)     theory 4.3, first
     order exact for a rigid body
@@ -10,12 +10,13 @@ further unknowns of its setup.
               + d . sum_a miss_a(move that brought axis a there)                  how the machine
                 repeats: solver.adjustment.scatter
 
-``play_a`` is the reversal at the low end, an unknown where an outward pass and its return share the
-zero of the laser's count; otherwise the offset of each pass absorbs it.
+``play_a`` is the reversal at the low end of axis a. It is an unknown if an outward pass and its
+return share the zero of the laser's count; else the offset of each pass absorbs this reversal.
 
 Units: um, urad, mm; tilts in mrad. Unknowns of the machine are node values, zero at the first node
-of each axis, linear between nodes. Rigid rotations are free here: `solver.linear.least_squares`
-finds the directions that the readings do not determine, without assumptions.
+of each axis, linear between nodes. Rigid rotations are free in this model:
+`solver.linear.least_squares` finds the directions that the readings do not determine, without
+assumptions.
 """
 
 from collections.abc import Sequence
@@ -32,18 +33,20 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import Layout
 
 _ROUNDING = 1e-9
-"""Of an increment."""
+"""Share of an increment below which a difference of positions is rounding."""
 FEW_UNKNOWNS = 128
-"""Number of unknowns eliminated at once: smaller blocks would cost more calls than they save."""
+"""Number of unknowns eliminated at once: smaller blocks would cost more time in calls than they
+save.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """The unknowns besides displacements, offsets, tilts and drifts. ``lines`` counts passes of the
-    4-DOF head by direction.
+    """Choice of the unknowns besides displacements, offsets, tilts and drifts. ``lines`` is the
+    number of passes of the 4-DOF head, one for each lateral direction.
 
-    ``misses``: the miss of each move's target, which only a prior separates from the machine
-    (`solver.model.priors`).
+    With ``misses`` the deviation of each move's end from the target is an unknown, which only a
+    prior separates from the machine's errors (`solver.model.priors`).
     """
 
     angles: bool = False
@@ -55,12 +58,12 @@ class Model:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """The columns of the unknowns. Functions are numbered by part (0 displacement, 1 rotation, 2
-    reversal), axis and component.
+    """Numbers of the columns that the unknowns have in the design. Functions are numbered by part
+    (0 displacement, 1 rotation, 2 reversal), axis and component.
 
-    From index ``play`` on are the nine reversals at the low end, by axis and component; none where
-    ``play == offset``. From index ``line`` on are offset and slope of every line in
-    `solver.model.lateral`, from ``miss`` on the misses of the moves.
+    The nine reversals at the low end of the axes, by axis and component, begin at column ``play``;
+    ``play == offset`` means none. The offset and slope of every line in `solver.model.lateral`
+    begin at column ``line``, the misses of the moves at column ``miss``.
     """
 
     nodes: int
@@ -76,7 +79,7 @@ class Columns:
 
     @property
     def machine(self) -> int:
-        """Return the number of unknowns that belong to the machine, the first ones."""
+        """Return the number of unknowns of the machine; these have the first columns."""
         return self.offset
 
     def of(self, part: int, axis: int, component: int) -> NDArray[np.int64]:
@@ -90,11 +93,12 @@ class Columns:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Design:
-    """The rows of all readings, and the meaning of the columns of further unknowns.
+    """The rows of all readings, and the meaning of the columns of tilts and drifts.
 
     ``tilt_direction`` (k, 3) is the direction in which each tilt column tilts its mirror;
-    ``drift_pairs`` names setup and out-and-back pair of each drift column and whether its unit is
-    per hour, ``drift_spans`` its duration (hours or stops).
+    ``drift_pairs`` names, for each drift column, the setup, the out-and-back pair, and whether the
+    drift is per hour (else per stop). ``drift_spans`` is the duration of each pair in the same
+    unit.
     """
 
     volume: Volume
@@ -161,8 +165,9 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
 
 
 def machine_rows(layout: Layout, chain: str, columns: Columns) -> Rows:
-    """Return the effect of the machine's own unknowns on every reading of a layout, as
-    `build_design` has it."""
+    """Return the effect of the machine's own unknowns on every reading of a layout: the same rows
+    as in `build_design`.
+    """
     return _packed_rows(
         [_machine_entries(layout, chain, columns), _play_entries(layout, columns)], columns
     )
@@ -179,8 +184,8 @@ def _packed_rows(
 
 
 def between_nodes(volume: Volume, position_mm: Vector) -> tuple[NDArray[np.int64], Vector]:
-    """Return the lower node and the fraction towards the next for positions (m, 3); a position that
-    differs from a node only by rounding lies on it.
+    """Return, for positions (m, 3), the node below and the fraction of the increment from this node
+    to the next; a position that differs from a node only by rounding lies on the node.
     """
     steps = (position_mm - volume.origin_mm) / volume.length_mm * volume.increments
     near = np.round(steps)
@@ -190,16 +195,18 @@ def between_nodes(volume: Volume, position_mm: Vector) -> tuple[NDArray[np.int64
 
 
 def displacement_coefficients(layout: Layout) -> Vector:
-    """Return d for every axis, shape (m, axis, component): um of reading per um of displacement."""
+    """Return d for every axis, shape (m, axis, component): the change of the reading in um by 1 um
+    of displacement.
+    """
     return np.repeat(layout.direction[:, None, :], 3, axis=1)
 
 
 def rotation_coefficients(layout: Layout, chain: str) -> Vector:
-    """Return (spot - O_a) x d in m, shape (m, axis, component): um of reading per urad of rotation
-    (theory 4.3).
+    """Return (spot - O_a) x d in m, shape (m, axis, component): the change of the reading in um by
+    1 urad of rotation (theory 4.3).
 
-    Abbe arms count from the low corner of the volume: the displacement functions hold on the lines
-    through it.
+    Abbe arms count from the low corner of the volume, because the displacement functions are those
+    on the lines through this corner.
     """
     from_corner = layout.position_mm - layout.volume.origin_mm
     carriage = (1.0 - abbe_mask(chain)) * from_corner[:, None, :]
@@ -237,8 +244,8 @@ def _machine_entries(
 def _function_entries(
     columns: Columns, part: int, node: NDArray[np.int64], value: Vector
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Return nine entries a row; the first node of an axis is the zero of its functions and so not
-    an unknown.
+    """Return columns and values, nine entries a row. The functions of an axis are zero at its first
+    node, which has no unknown.
     """
     start = columns.parts.index(part) * 9 * columns.nodes
     known = np.maximum(node, 1) - 1
@@ -249,7 +256,9 @@ def _function_entries(
 
 
 def _play_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Return nine entries a row, none where constant backlash is not observable."""
+    """Return columns and values of the reversals at the low end, nine entries a row; none if
+    constant backlash is not observable.
+    """
     count = columns.offset - columns.play
     column = np.broadcast_to(columns.play + np.arange(count), (len(layout), count))
     value = displacement_coefficients(layout) * layout.approach[:, :, None] / 2.0
@@ -257,18 +266,18 @@ def _play_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], 
 
 
 def _offset_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Every count has an offset: its first stop is as uncertain as the others, and all readings are
-    relative to it.
+    """Return columns and values of the offsets of the counts. Every count has an offset, because
+    all its readings are relative to its first stop, which is as uncertain as the other stops.
 
-    An outward pass and its return share the offset, repetitions do not: the drift of the count
-    between repetitions has no effect.
+    An outward pass and its return share an offset; a repetition has another offset, so the drift of
+    the count between repetitions has no effect.
     """
     return (columns.offset + layout.offset_index)[:, None], np.ones((len(layout), 1))
 
 
 def _tilts(layout: Layout) -> tuple[tuple[int, ...], Vector]:
-    """Return the setup and direction of every tilt that the travel of a setup can show; travel
-    along the beam shows none.
+    """Return the setup and the direction of every mirror tilt that the travel of a setup can show;
+    travel along the beam shows no tilt.
     """
     setups: list[int] = []
     directions: list[Vector] = [np.zeros((0, 3))]
@@ -308,8 +317,9 @@ def _tilt_entries(
 
 
 def _drift_pairs(layout: Layout) -> list[tuple[str, int, NDArray[np.bool_]]]:
-    """Return setup, pair number and rows of every outward pass with its return: only there can
-    drift be separated from the machine."""
+    """Return setup, pair number and rows of every outward pass with its return: only such pairs
+    separate drift from the machine's errors.
+    """
     numbers = {key: index for index, key in enumerate(layout.passes)}
     pairs = []
     for key, index in numbers.items():
@@ -332,8 +342,8 @@ def _drift_entries(
 
 
 def _miss_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Return three entries a row, one for the miss of each axis' last move; no entries where the
-    model has no misses.
+    """Return columns and values of the moves' misses, three entries a row: one for each axis' last
+    move. No entries if the model has no misses.
     """
     if columns.count == columns.miss:
         return np.zeros((len(layout), 0), dtype=np.int64), np.zeros((len(layout), 0))
@@ -342,8 +352,9 @@ def _miss_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], 
 
 
 def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
-    """Return the block of every unknown, -1 for the border: nuisances, end nodes, and nodes where
-    an axis stands during a pass."""
+    """Return the block of every unknown for the elimination, -1 for unknowns in the border:
+    offsets, tilts, drifts, end nodes, and nodes at which an axis stands during a pass.
+    """
     group = np.full(columns.count, -1, dtype=np.int64)
     if columns.count <= FEW_UNKNOWNS:
         return group
@@ -368,7 +379,7 @@ def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
 
 
 def _merged(group: NDArray[np.int64], rows: Rows) -> NDArray[np.int64]:
-    """Return groups merged until every row involves only neighbouring groups."""
+    """Return the groups, merged until each row contains unknowns of neighbouring groups only."""
     touched = np.where(rows.value != 0, group[rows.column], -1)
     highest = touched.max(axis=1)
     lowest = np.where(touched < 0, highest[:, None], touched).min(axis=1)

@@ -1,10 +1,11 @@
-"""Causes that change many readings together and whose usual size alone is known: random effects of
-the common adjustment.
+"""Causes that change many readings together, and of which only the usual size is known: the random
+effects of the adjustment.
 
-Each kind of cause is an `Effect`: a pattern on the readings (a column per independent cause, at one
-standard deviation of its usual size), its words, and the certainty of its size. The sizes are
-estimated from the readings by restricted maximum likelihood (`solver.linear.components`); a size
-that the readings do not determine stays as assumed and increases the uncertainty.
+Each kind of cause is an `Effect`: a pattern of changes of the readings (a column for each
+independent cause, at one standard deviation of the usual size), the words for the report, and
+whether the size is estimated. The sizes are estimated from the readings by restricted maximum
+likelihood (`solver.linear.components`); a size that the readings do not determine stays at the
+assumed value and increases the uncertainty.
 """
 
 from collections.abc import Mapping
@@ -24,36 +25,41 @@ from stepdiag.solver.model.warmth import counted_mm, excess_c
 
 LINE_SHARE, WAVE_SHARE = 0.3, 0.32
 """Standard deviations of an angular function's straight part at the far end and of its first half
-wave, as shares of its range; higher half waves decrease with their number, as for guideways.
+wave, as shares of its range; the standard deviations of higher half waves decrease with their
+number, as for guideways.
 """
 MOST_WAVES = 16
 LONG_WAVES = 3
-"""Number of half waves with the same size as the straight part; further half waves have another
-size, since the smoothness of guideways is unknown.
+"""Number of half waves of an angular function with the same size as its straight part; the size of
+shorter waves is separate, because the smoothness of guideways is unknown.
 """
 ANGLES, SHORT_ANGLES = "angles", "short waves of angles"
 TURNING = (ANGLES, SHORT_ANGLES)
-"""The effects that together are the angular functions."""
+"""Names of the effects that together model the angular functions."""
 GROWTH, SETUP_SCALE, FIRST_STOPS = "growth", "setup scale", "first stops"
 ONE_SCALE, ONE_WALK, BESIDE = "scale of one setup", "walk of one pass", "beside the model"
 BACKLASH = 0.6
-"""Backlash at first stops, in addition to the repeatability of an approach, before its size is
-estimated: overrun leaves none, a pass without overrun all.
+"""Assumed backlash at first stops, as a multiple of the repeatability, before its size is
+estimated: with overrun these stops have no backlash, without overrun all of the axis' backlash.
 """
 WANDER_WAVES = 3
 BEARING = 0.5
 """Distance of the bearing that holds a screw from the low corner of the volume, as a share of the
 travel (standard deviation)."""
 LEAST_SCATTER_UM = 0.02
-"""Positions in steps of 0.1 um scatter by 0.03 um: less than any laser's noise."""
+"""Scatter of reported positions that is neglected: positions in steps of 0.1 um scatter by 0.03 um,
+less than any laser's noise.
+"""
 TIME_CONSTANTS_H = (0.3, 1.0, 3.0)
-"""A ball screw settles in minutes, a column in hours (ISO 230-3 tests for four)."""
+"""Time constants of thermal growth: a ball screw settles in minutes, a column in hours (the test of
+ISO 230-3 takes four hours).
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Effect:
-    """One kind of cause: ``pattern_um`` (m, k) on the readings, whether its size is ``sought`` in
-    them, and the assumption about it.
+    """One kind of cause: ``pattern_um`` (m, k) is its effect on the readings, ``sought`` whether
+    the readings determine its size, ``text`` the assumption in words.
     """
 
     name: str
@@ -69,11 +75,11 @@ class Effect:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AngleShapes:
-    """The functions by which unknown angular errors are described: names in the order of their
-    causes, ``waves`` half waves each.
+    """The shapes that describe unknown angular functions: ``names`` of the functions in the order
+    of their causes, and the number of half ``waves`` of each function.
 
-    Straight parts and long waves of all functions come first, then the short waves of all; the size
-    of the short waves is estimated separately.
+    The straight parts and long waves of all functions come first, then the short waves of all
+    functions, whose size is estimated separately.
     """
 
     names: tuple[str, ...]
@@ -81,14 +87,15 @@ class AngleShapes:
     waves: int
 
     def at(self, layout_share: Vector) -> Vector:
-        """Return the shapes at shares of the travel (0 .. 1), for a range of one, shape (m, 1 +
-        waves)."""
+        """Return the values of the shapes at fractions of the travel (0 .. 1), for a function with
+        a range of one, shape (m, 1 + waves).
+        """
         number = np.arange(1, self.waves + 1)
         waves = WAVE_SHARE * np.sin(np.pi * number * layout_share[:, None]) / number
         return np.column_stack([LINE_SHARE * layout_share, waves])
 
     def range_of(self, name: str) -> float:
-        """Return the range assumed for a function."""
+        """Return the range assumed for an angular function."""
         return self.range_urad[self.names.index(name)]
 
     @property
@@ -97,7 +104,9 @@ class AngleShapes:
         return len(self.names) * (1 + min(self.waves, LONG_WAVES))
 
     def causes_of(self, name: str) -> NDArray[np.int64]:
-        """Return the indices of a function's causes among all, in the order of its shapes."""
+        """Return the indices of an angular function's causes among all causes, in the order of the
+        shapes.
+        """
         place, long = self.names.index(name), 1 + min(self.waves, LONG_WAVES)
         short = self.waves + 1 - long
         return np.concatenate(
@@ -108,9 +117,7 @@ class AngleShapes:
 def angle_shapes(
     layout: Layout, known: Mapping[str, object], assumed: Assumptions
 ) -> AngleShapes:
-    """Return the description of the angular functions that are not ``known`` but assumed to
-    exist.
-    """
+    """Return the shapes of those angular functions that are not ``known`` but assumed to exist."""
     names = tuple(
         name for name in ROTATIONS if name not in known and assumed.angle_range_urad(name) > 0
     )
@@ -128,8 +135,8 @@ def effects_of(
     """Return every effect on the readings of a layout; effects that cannot move any reading are
     left out.
 
-    Angular functions stay even if no reading depends on them (linear runs along the axes of the
-    volume), because the machine has them nevertheless.
+    Angular functions stay even if no reading depends on them (linear runs along the edges of the
+    volume), because the machine has angular errors nevertheless.
     """
     found = (
         *_angles(layout, chain, shapes),
@@ -150,11 +157,11 @@ def effects_of(
 
 
 def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Effect]:
-    """Return the effects of the spot formula (theory 4.3) for functions of unknown size, and of
-    their short waves, whose smoothness is unknown.
+    """Return the effects of the unknown angular functions by the spot formula (theory 4.3): one
+    effect for straight parts and long waves, one for short waves.
 
-    With a common size for both, the absence of short waves, which the readings show best, would
-    also make the long waves small.
+    If long and short waves had a common size, the absence of short waves, which the readings show
+    best, would also make the long waves small.
     """
     arms = rotation_coefficients(layout, chain)
     pattern = np.zeros((len(layout), len(shapes.names) * (shapes.waves + 1)))
@@ -179,8 +186,8 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Ef
 
 
 def _elapsed(layout: Layout) -> Vector:
-    """Return the place of every reading in its unbroken count, 0 at its start and 1 at the end of
-    each pass in it, shape (m,).
+    """Return the progress of each unbroken count at its readings, shape (m,): 0 at the start of the
+    count, and 1 more at the end of each pass.
     """
     elapsed = np.zeros(len(layout))
     for number in np.unique(layout.offset_index):
@@ -191,21 +198,22 @@ def _elapsed(layout: Layout) -> Vector:
 
 
 def _by(index: NDArray[np.int64], values: Vector) -> Vector:
-    """Return the values in a column for each member of the index, zero elsewhere, shape (m,
-    members)."""
+    """Return the values in columns, shape (m, numbers): each row has its value in the column of its
+    number in ``index``, and zeros elsewhere.
+    """
     apart: Vector = values[:, None] * (index[:, None] == np.unique(index))
     return apart
 
 
 def _first_of(index: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return for every reading the place of the first reading with the same index, shape (m,)."""
+    """Return for every reading the row of the first reading with the same index, shape (m,)."""
     _, first, member = np.unique(index, return_index=True, return_inverse=True)
     return np.asarray(first[member])
 
 
 def _drift(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return a ramp for each unbroken count; no prior limits it where the return pass determines
-    it.
+    """Return the effect of a linear drift in each unbroken count; the drift of a pass with its
+    return is an unknown of the design besides.
     """
     pattern = assumed.drift_um * _by(layout.offset_index, _elapsed(layout))
     return Effect(
@@ -217,8 +225,9 @@ def _drift(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def _wander(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return a random walk within each unbroken count by its largest components (Karhunen and
-    Loeve's expansion of Brownian motion)."""
+    """Return the effect of a random walk of the reading within each unbroken count, by the largest
+    components of the walk (Karhunen and Loeve's expansion of Brownian motion).
+    """
     elapsed = _elapsed(layout)
     longest = np.zeros(int(layout.offset_index.max()) + 1)
     np.maximum.at(longest, layout.offset_index, elapsed)
@@ -242,8 +251,8 @@ def travel_mm(layout: Layout) -> Vector:
 
 
 def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the scale of each setup: unseen changes of warmth and air, and the cosine of its
-    beam.
+    """Return the effect of a scale error of each setup, from unmeasured changes of temperature and
+    air, and from the cosine of the beam's misalignment.
     """
     coefficient = float(np.mean(assumed.expansion_um_m_c))
     cosine_um_m = 0.5 * assumed.alignment_mrad**2 / np.sqrt(3.0)
@@ -269,10 +278,11 @@ def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def _growth(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the growth of each axis during the survey, as its drive warms: exponentials about the
-    mean of all readings.
+    """Return the effect of the growth of each axis during the survey, as its drive warms:
+    exponentials in time, relative to the mean of all readings.
 
-    Three columns an axis for its length, three for the distance of its bearing from the low corner.
+    Each axis has three columns for its length and three for the distance of the screw's bearing
+    from the low corner, one for each time constant.
 
     Without the times of all readings, growth cannot be separated from the scales of setups.
     """
@@ -287,8 +297,8 @@ def _growth(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def growth_waves(layout: Layout) -> Vector:
-    """Return exponentials in time about the mean of all readings, shape (m, time constants); empty
-    unless every reading has a time.
+    """Return exponentials in time, minus their mean over all readings, shape (m, time constants);
+    no columns unless every reading has a time.
     """
     hours = layout.hours
     if not len(layout) or not np.all(np.isfinite(hours)) or np.ptp(hours) == 0.0:
@@ -301,11 +311,11 @@ def growth_waves(layout: Layout) -> Vector:
 
 
 def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the backlash of each axis at the stops before its first move in their pass: the axis
-    reached its place from within the volume.
+    """Return the effect of each axis' backlash at the stops of a pass before the axis' first move:
+    the axis came to these stops from within the volume.
 
-    In a pass without overrun these stops differ from the stops of later moves by the backlash, the
-    same in every pass. Their further misses belong to the scatter.
+    Without overrun these stops differ from the stops after later moves by the backlash, equally in
+    every pass. Any further deviation of these stops belongs to the scatter.
     """
     begins = _first_of(layout.pass_index)
     # after a reversal of the machine, the move to the stop belongs to the previous pass
@@ -320,14 +330,14 @@ def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def _registers(layout: Layout) -> Effect:
-    """Return the effect on the readings of positions that scatter in the registers alone while the
+    """Return the effect of reported positions that scatter in the control's registers while the
     machine stands still.
 
-    The deviations are relative to the reported positions. The laser does not follow a scatter of
-    the registers alone. Its amount ranges from 0 (the axis really stood there) to 1 (registers
-    alone): it is the scatter while an axis stands, and the differences between the ends of its
-    moves. A rounding that a program repeats at each target, or accumulates along its way, is not
-    scatter.
+    The deviations are relative to the reported positions, but the laser does not follow a scatter
+    of the registers alone. There are two such patterns: the scatter while an axis stands, and the
+    differences between the ends of its moves. The amount of each ranges from 0 (the axis really
+    stood there) to 1 (registers alone). A rounding that a program repeats at each target, or
+    accumulates along its way, is not scatter.
     """
     within, between = np.zeros_like(layout.beside_mm), np.zeros_like(layout.beside_mm)
     for axis in range(3):
@@ -350,12 +360,12 @@ def _registers(layout: Layout) -> Effect:
 
 
 def _beside_program_mm(layout: Layout, axis: int) -> Vector:
-    """Return the deviations of positions from the mean at their target and from the sum of a
-    program's increments, shape (m,).
+    """Return the deviations of reported positions in mm after subtracting the mean at each target
+    and the rounding that a program's increments accumulate, shape (m,).
 
-    Increments of the same size are rounded alike: their sum grows with the distance from the first
-    stop of the pass, or of the setup if each pass begins at the end of the previous pass. Passes
-    with the same number of targets have increments of the same size.
+    Increments of the same size are rounded alike: the accumulated rounding grows with the distance
+    from the first stop of the pass, or of the setup if each pass begins at the end of the previous
+    pass. Passes with the same number of targets have increments of the same size.
     """
     beside, targets, passes = (
         layout.beside_mm[:, axis],
@@ -375,17 +385,20 @@ def _beside_program_mm(layout: Layout, axis: int) -> Vector:
 
 
 def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the common error of the air's index and the wavelength, which no closure shows."""
+    """Return the effect of the common error of the air's index and the wavelength, which no closure
+    shows.
+    """
     along_m = 1e-3 * np.sum(travel_mm(layout), axis=1)
     text = message("assumed-air", index_ppm=assumed.index * 1e6)
     return Effect(name="air", text=text, pattern_um=1e6 * assumed.index * along_m[:, None])
 
 
 def _material(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return per axis the effect of its temperature and of its coefficient (theory 8.7).
+    """Return, for each axis, the effects of its material temperature and of its expansion
+    coefficient (theory 8.7).
 
-    Both affect the lengths if the readings were reduced to 20 C; the coefficient also if they were
-    reduced to one temperature.
+    Temperature and coefficient affect the lengths if the readings were reduced to 20 C; the
+    coefficient also if the readings were reduced to the mean temperature of the survey.
     """
     along_m = 1e-3 * travel_mm(layout) * float(assumed.reduced_to_20_c)
     excess = np.array(assumed.material_c) - REFERENCE_TEMPERATURE_C

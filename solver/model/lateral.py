@@ -1,11 +1,11 @@
-"""Straightness measured directly by the 4-DOF head, as further rows of the one adjustment.
+"""Straightness measured directly by the 4-DOF head, as further rows of the adjustment.
 
     value = D_c(a) + (alpha_a(a) x r_a)_c + approach / 2 * R_c(a) + offset + slope * (a - low)
 
 for component c of axis a on the line through the low corner of the volume (theory 2.2, 4.3). Offset
-and slope belong to the head's alignment, so every pass in every direction has its own, and neither
-affects the squareness. So the diagonals and the head enter with their own weights: a disagreement
-appears in the residuals and increases the uncertainties.
+and slope belong to the head's alignment: every pass has its own in each lateral direction, and they
+do not affect the squareness. The diagonals and the head enter with their own weights: a
+disagreement appears in the residuals and increases the uncertainties.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ class MeasuredStraightness:
     and standard uncertainties in um.
 
     ``approach`` is +1 for travel of the axis in +, -1 in -. The values may contain any straight
-    line. The adjustment uses them `at_targets`.
+    line. The adjustment uses the values moved to the targets (`at_targets`).
     """
 
     name: str
@@ -46,7 +46,9 @@ class MeasuredStraightness:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Observed:
-    """Rows with their targets and standard uncertainties, both in um."""
+    """Rows of the adjustment, with the measured value of each row and its standard uncertainty,
+    both in um.
+    """
 
     rows: Rows
     target: Vector
@@ -56,11 +58,11 @@ class Observed:
 def at_targets(
     measured: Sequence[MeasuredStraightness], layout: Layout
 ) -> list[MeasuredStraightness]:
-    """Return the head's passes at the targets of their stops, which are those of the readings if
-    these have them.
+    """Return the head's passes moved to the targets of their stops: to the targets of the laser's
+    readings if those are near.
 
-    A value moves with its stop along the straight line through its pass: the line of the head's
-    alignment is steeper than any function.
+    A value follows its stop along the straight line through the pass, because the line of the
+    head's alignment is steeper than any straightness function.
     """
     found = list(measured)
     for axis, letter in enumerate(AXIS_LETTERS):
@@ -93,7 +95,8 @@ def lateral_rows(
     """Return the rows of the head's passes; ``design`` was built with ``Model.lines =
     len(measured)``.
 
-    Raises ``DataError`` for a position outside the volume, where the survey has no unknowns.
+    Raises ``DataError`` for a position outside the volume, because the survey has no unknowns
+    there.
     """
     pieces = [_rows_of(design, number, one) for number, one in enumerate(measured)]
     empty = (np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1)))
@@ -129,8 +132,9 @@ def lateral_angles(
 def _rows_of(
     design: Design, number: int, one: MeasuredStraightness
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Return columns and values, shape (k, 12): two nodes each of displacement, three rotations and
-    reversal, offset and slope."""
+    """Return columns and values of the rows of a pass, shape (k, 12): two nodes of the
+    displacement, of each of three rotations and of the reversal, then offset and slope.
+    """
     columns = design.columns
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
     lower, fraction = nodes_of(design.volume, axis, one)
@@ -156,7 +160,7 @@ def _rows_of(
 
 
 def _share_of_travel(design: Design, axis: int, one: MeasuredStraightness) -> Vector:
-    """Return each position of a pass as a share of the travel of its axis, shape (k,)."""
+    """Return each position of a pass as a fraction of the axis' travel, shape (k,)."""
     away_mm = one.position_mm - design.volume.origin_mm[axis]
     share: Vector = away_mm / design.volume.length_mm[axis]
     return share
@@ -165,8 +169,9 @@ def _share_of_travel(design: Design, axis: int, one: MeasuredStraightness) -> Ve
 def nodes_of(
     volume: Volume, axis: int, one: MeasuredStraightness
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Return the lower node of each position of a pass along an axis and the fraction towards the
-    next, shapes (k,)."""
+    """Return, for each position of a pass along an axis, the node below and the fraction of the
+    increment from this node to the next, shapes (k,).
+    """
     low, size = volume.origin_mm[axis], volume.size_mm[axis]
     outside = (one.position_mm < low - POSITION_TOLERANCE_MM) | (
         one.position_mm > low + size + POSITION_TOLERANCE_MM
@@ -188,8 +193,8 @@ def nodes_of(
 
 
 def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vector:
-    """Return um of displacement in ``component`` per urad about each axis, shape (k, 3): zero in
-    the moving direction of the carriage.
+    """Return the Abbe arms: um of displacement in ``component`` per urad of rotation about each
+    axis, shape (k, 3). The arm in the moving direction of the carriage is zero.
     """
     arm = np.zeros((len(position_mm), 3))
     away_mm = position_mm - design.volume.origin_mm[axis]
@@ -199,8 +204,8 @@ def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vec
 
 
 def of_known_angles(design: Design, one: MeasuredStraightness, angles: Angles) -> Vector:
-    """Return the effect of the known rotations of the axis on the measured values, shape (k,),
-    without its straight line, which the values may contain.
+    """Return the effect of the axis' known rotations on the measured values, shape (k,), minus the
+    straight line through this effect: the values may contain any line.
     """
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
     arms = _arms(design, axis, component, one.position_mm)

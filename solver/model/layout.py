@@ -1,5 +1,5 @@
-"""From readings to geometry: the volume, the travel of every pass, the beam, and the deviation of
-each reading from nominal.
+"""The geometry of readings: the volume, the travel of every pass, the beam, and the deviation of
+each reading from its nominal value.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,11 +25,11 @@ from stepdiag.base.volume import (
 
 MOST_SETUPS = 200
 BESIDE_NODE = 0.3
-"""Share of an increment, from a node to the nearest target of a run, within which the node's value
-depends on that target rather than on its neighbours.
+"""Largest distance from a node to the nearest target of a run, as a share of an increment, at which
+the node's value depends mainly on this target and not on farther targets.
 """
 MOVES: Mapping[Kind, int] = {"step": 3, "face": 2, "body": 1, "linear": 1}
-"""Stops in a step of each kind of setup."""
+"""Number of stops in one step of each kind of setup."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,16 +38,16 @@ class Layout:
     sorted by pass and stop.
 
     ``position_mm`` is the target of a stop (`solver.readings.snapping`), ``beside_mm`` the distance
-    of the reported position from it; the deviation counts from the reported position, so that a
-    target and its readings belong together. ``arrival`` numbers the moves of each axis to its
-    place, -1 for an axis that stands during the pass. ``direction`` is the unit vector of the
-    setup's outward travel, ``beam_mm`` a point of its beam line, ``spot_mm`` the point under the
-    mirror (theory 4.3), ``approach`` the sign of every axis' arrival at the stop, ``deviation_um``
-    the reading minus its nominal value. Readings of a ``zero_index`` share the zero of the laser's
-    count; of them, an outward pass and its return have a common ``offset_index``: their unexplained
-    difference is reversal or drift. ``clock`` counts the drift within an out-and-back pair: hours
-    where ``timed`` (every stop has a stamp), else stops; ``hours`` are the stamps themselves,
-    ``temperature_c`` is the material's at each stop, both NaN if missing.
+    of the reported position from it; the deviation is relative to the reported position.
+    ``arrival`` is the number of the move that brought each axis to its position, -1 for an axis
+    that stands during the pass. ``direction`` is the unit vector of the setup's outward travel,
+    ``beam_mm`` a point of its beam line, ``spot_mm`` the point under the mirror (theory 4.3),
+    ``approach`` the sign of every axis' arrival at the stop, ``deviation_um`` the reading minus its
+    nominal value. Readings with the same ``zero_index`` share the zero of the laser's count. Among
+    these, an outward pass and its return have the same ``offset_index``: an unexplained difference
+    of the two passes is reversal or drift. ``clock`` is the drift coordinate within an out-and-back
+    pair: hours where ``timed`` (every stop has a time stamp), else stops. ``hours`` are the time
+    stamps, ``temperature_c`` the material's temperature at each stop, both NaN if missing.
     """
 
     source: str
@@ -79,7 +79,7 @@ class Layout:
         return len(self.stop)
 
     def place(self, row: int) -> Message:
-        """Return the name of a reading for a person: setup, pass and stop."""
+        """Return the name of a reading in words: setup, pass and stop."""
         key = self.passes[int(self.pass_index[row])]
         return message(
             "stop-of-setup", setup=key.setup, number=key.number, stop=int(self.stop[row])
@@ -87,14 +87,16 @@ class Layout:
 
     @property
     def target_index(self) -> NDArray[np.int64]:
-        """Return the number of the target of each reading, the same in every pass, shape (m,)."""
+        """Return the number of each reading's target, shape (m,): a target has the same number in
+        every pass.
+        """
         found: NDArray[np.int64] = np.unique(self.position_mm, axis=0, return_inverse=True)[1]
         return found.ravel()
 
     @property
     def joined(self) -> bool:
-        """Return whether any outward pass and its return share the zero of the count: then constant
-        backlash is observable.
+        """Return whether any outward pass and its return share the zero of the count: such a pair
+        shows constant backlash.
         """
         outward = np.array([key.outward for key in self.passes])[self.pass_index]
         return bool(
@@ -102,7 +104,9 @@ class Layout:
         )
 
     def since_zero_mm(self) -> Vector:
-        """Return the distance that the laser has counted since its zero, shape (m,)."""
+        """Return the distance in mm that the laser has counted since the zero of the count at each
+        reading, shape (m,).
+        """
         first = np.unique(self.zero_index, return_index=True)[1]
         counted: Vector = (
             self.reading_mm
@@ -115,12 +119,12 @@ class Layout:
         return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
     def leaning(self, tilt_mrad: Vector) -> "Layout":
-        """Return the layout of the tilted machine: at its reported positions, with mirror and beam
+        """Return the layout at the reported positions, with the mirror and the beam of each setup
         tilted by ``tilt_mrad`` (setups, 3).
 
-        Machine errors are seen along the mirror's normal, and the spot runs along the beam, which
-        autocollimation makes the same line. The lean's effect on the nominal travel stays with the
-        deviation, explained by the tilt unknowns.
+        Readings contain machine errors along the mirror's normal; the spot moves along the beam,
+        which autocollimation makes parallel to the normal. The tilt's effect on the nominal travel
+        stays in the deviation, where the tilt unknowns explain it.
         """
         leaning = self.direction + 1e-3 * tilt_mrad[self.setup_index]
         leaning /= np.linalg.norm(leaning, axis=1, keepdims=True)
@@ -161,11 +165,11 @@ def lay_out(
 ) -> Layout:
     """Return the geometry of readings.
 
-    Without ``volume``, box and increments follow from the body step diagonals, without them from
-    the face diagonals, then the continuous diagonals, then the linear runs; an axis that none of
-    these travels has no length. Stops outside the volume are left out with a finding. Raises
-    ``DataError`` if positions do not form a box, a pass departs from its setup, or the laser
-    contradicts the travel, naming the stop.
+    Without ``volume``, box and increments follow from the first of these kinds that was driven:
+    body step diagonals, face diagonals, continuous diagonals, linear runs. An axis that no setup
+    travels has no length. Stops outside the volume are left out with a finding. Raises
+    ``DataError``, with the name of the stop, if the positions do not form a box, a pass differs
+    from its setup, or the laser contradicts the travel.
     """
     passes = readings.passes()
     if not passes:
@@ -195,7 +199,7 @@ def lay_out(
 def infer_volume(
     readings: Readings, setups: Iterable[Setup], source: str = "readings"
 ) -> Volume:
-    """Return the common box of the diagonals. Raises ``DataError`` where they form no box or
+    """Return the common box of the setups. Raises ``DataError`` if the setups form no box or
     different boxes.
     """
     by_kind: dict[Kind, list[Setup]] = {}
@@ -226,11 +230,11 @@ def infer_volume(
 def _edges_mm(
     readings: Readings, kinds: Sequence[Sequence[Setup]], axis: int
 ) -> tuple[float, float]:
-    """Return low and high edge of the box along an axis, from the setups of the first of the
-    ``kinds`` that travels this axis.
+    """Return the low and the high edge of the box along an axis, from all setups of one kind: the
+    first of the ``kinds`` that travels this axis.
 
-    If no setup travels the axis, the edges are the outermost lines at which it stood; with a single
-    line the axis has no length.
+    If no setup travels the axis, the edges are the lowest and the highest position at which the
+    axis stood; with a single position the axis has no length.
     """
     travelling = ([setup for setup in setups if setup.signs[axis]] for setups in kinds)
     signs = {setup.name: setup for setup in next(filter(None, travelling), [])}
@@ -239,7 +243,7 @@ def _edges_mm(
         if key.setup not in signs:
             continue
         setup = signs[key.setup]
-        # a linear run has targets of its own: only its ends lie on the edges
+        # the targets of a linear run may lie anywhere: only its ends lie on the edges
         used = rows[[0, -1]] if setup.kind == "linear" else rows
         position.append(readings.position_mm[used, axis])
         steps.append(
@@ -258,8 +262,8 @@ def _edges_mm(
 def _even_steps(
     readings: Readings, runs: Sequence[Setup], low: Vector, high: Vector, most: int
 ) -> int:
-    """Return the most equal steps at which every node is near a target of each run: otherwise its
-    value depends on distant targets.
+    """Return the largest number of equal steps for which every node is near a target of each run;
+    the value at a node without a near target depends on distant targets.
     """
     shares = []
     for setup in runs:
@@ -291,7 +295,7 @@ def _check_box(
         np.maximum(np.abs(points.min(axis=0) - low), np.abs(points.max(axis=0) - high))
         * moves
     )
-    # a stop and the edge, each with its tolerance
+    # the stop and the edge both have a tolerance
     if np.any(off > 2.0 * position_tolerance_mm((high - low) / increments)):
         axis = int(np.argmax(off))
         raise DataError(
@@ -305,7 +309,7 @@ def _check_box(
 
 
 def _increments(readings: Readings, names: Sequence[str], kind: Kind, source: str) -> int:
-    """Return the increments of the finest pass."""
+    """Return the number of increments of the finest pass."""
     longest = max(
         int(readings.stop[rows[-1]])
         for key, rows in readings.passes().items()
@@ -388,8 +392,8 @@ def targets_tolerance_mm(
     setups: Sequence[Setup],
     volume: Volume,
 ) -> Vector:
-    """Return the largest distance of a stop from its target in each axis, shape (3,): less where a
-    linear run has closer targets.
+    """Return the largest allowed distance of a stop from its target in each axis, shape (3,); it is
+    smaller for an axis with a linear run of closer targets.
     """
     step, runs = (
         volume.step_mm.copy(),
@@ -407,8 +411,9 @@ def targets_tolerance_mm(
 def _zeros(
     zero: NDArray[np.int64], keys: Sequence[PassKey], pass_index: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return for every row its stretch of unbroken count, its offset, and the row that its reading
-    is relative to."""
+    """Return for every row the number of its unbroken count, the number of its offset, and the row
+    to which its reading is relative.
+    """
     stretches: dict[tuple[str, int, int], int] = {}
     offsets: dict[tuple[int, int], int] = {}
     begins = np.flatnonzero(
@@ -420,7 +425,7 @@ def _zeros(
             zero[begins].tolist(), pass_index[begins].tolist(), strict=True
         )
     ]
-    # a pass without a stretch is one of its own
+    # a pass without a number of the count is an unbroken count by itself
     stretch = [
         stretches.setdefault(
             (key.setup, number, 0 if number >= 0 else key.number), len(stretches)
@@ -444,10 +449,11 @@ def _approach(
     position_mm: Vector,
     turned: NDArray[np.bool_],
 ) -> Vector:
-    """Return the sign of every axis' arrival at each stop, shape (m, 3): the sign of its pass.
+    """Return the sign of every axis' arrival at each stop, shape (m, 3): the sign of the axis'
+    travel in the pass.
 
     If the machine reversed at the first stop, every axis reached it in the direction of the
-    previous pass, and stays on this side until its next move.
+    previous pass, and keeps this sign until its next move.
     """
     approach = travelled.copy()
     for first in np.flatnonzero(turned).tolist():
@@ -475,7 +481,9 @@ def _direction(setup: Setup, volume: Volume) -> Vector:
 def _drift_clock(
     time_s: Vector, keys: Sequence[PassKey], pass_index: NDArray[np.int64]
 ) -> tuple[Vector, NDArray[np.bool_]]:
-    """Return the drift coordinate of every reading and whether it is in hours."""
+    """Return the drift coordinate of every reading, and whether this coordinate is in hours (else
+    in stops).
+    """
     clock = np.zeros(len(time_s))
     timed = np.zeros(len(time_s), dtype=np.bool_)
     pair_of = [(key.setup, (key.number + 1) // 2) for key in keys]

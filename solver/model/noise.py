@@ -1,5 +1,5 @@
-"""Noise of the readings: as stated stop by stop, else from the residuals, else assumed, with a
-finding.
+"""Noise of the readings: the value stated for each stop, else a value from the residuals, else an
+assumed value with a finding.
 """
 
 from collections.abc import Iterable
@@ -11,22 +11,20 @@ from stepdiag.base.findings import Finding, warning
 from stepdiag.solver.linear.mixed import AnyFit
 
 ASSUMED_U_UM = 0.3
-"""A single-aperture laser on a machine in a quiet hall, if neither the readings nor their
-redundancy give the noise.
+"""Assumed noise of a reading, if neither the file nor the residuals give it: that of a
+single-aperture laser on a machine in a quiet hall.
 """
 LEAST_U_UM = 1e-3
-"""Smallest noise of a reading: simulated readings without noise must not have an infinite
-weight.
-"""
+"""Smallest noise of a reading: it keeps the weight of simulated readings without noise finite."""
 LEAST_FREEDOM = 4.0
 """Degrees of freedom below which the residuals do not measure the noise."""
 CHECKED = 0.01
-"""Redundancy below which residuals give no noise."""
+"""Redundancy of a reading below which its residual gives no noise."""
 
 
 def variance_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:
-    """Return the noise of some rows relative to their weights (variance components); None without
-    evidence.
+    """Return the ratio of the noise of some rows to the noise assumed in their weights (variance
+    components); None if too few degrees of freedom show it.
     """
     used = rows[fit.weight[rows] > 0]
     freedom = float(np.sum(fit.redundancy_of(used)))
@@ -36,6 +34,6 @@ def variance_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:
 
 
 def assumed_noise(setups: Iterable[str]) -> tuple[Finding, ...]:
-    """Return the finding for setups whose noise had to be assumed."""
+    """Return the finding that names the setups with an assumed noise."""
     names = list(setups)
     return (warning("noise-assumed.of", setups=names, u_um=ASSUMED_U_UM),) if names else ()

@@ -1,5 +1,5 @@
-"""Knowledge besides the readings, as rows of the same adjustment: angular functions with their
-uncertainty, and conventions.
+"""Knowledge besides the readings, as further rows of the adjustment: known angular functions with
+their uncertainty, and conventions.
 """
 
 from dataclasses import dataclass
@@ -17,24 +17,26 @@ from stepdiag.solver.model.design import Columns, Design, rotation_coefficients
 from stepdiag.solver.model.layout import Layout
 
 EXACT = 1e-3
-"""Standard uncertainty (urad, um) of values held by convention: far below anything measurable, far
-above rounding.
+"""Standard uncertainty (urad, um) of values that a convention fixes: far below any measurable
+value, far above rounding.
 """
 DRIFT_UM = 1.0
-"""Standard uncertainty of the drift in an outward pass and its return, before the data."""
+"""Standard uncertainty, before the readings are used, of the drift during an outward pass and its
+return.
+"""
 REVERSAL_CHANGE_UM = 2.0
-"""Standard uncertainty of the change of reversal from end to end of an axis, before the data.
-Between an outward pass and its return, drift and a reversal that grows along the axis have the same
-effect: neither is assumed smaller than this value, because the other would then absorb it.
+"""Standard uncertainty, before the readings are used, of the change of a reversal from end to end
+of its axis. Between an outward pass and its return, drift and a reversal that grows along the axis
+have the same effect: if one of the two were assumed smaller, the other would absorb its effect.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
-    """Rows whose target is zero, and their standard uncertainty.
+    """Rows of the adjustment with the target zero, and the standard uncertainty of each row.
 
-    ``found`` names the rows whose size the data may increase, group by group, ``misses`` the rows
-    of the moves' misses.
+    ``found`` contains groups of rows; the readings may increase the uncertainty of each group.
+    ``misses`` are the rows of the moves' misses.
     """
 
     rows: Rows
@@ -46,7 +48,7 @@ class Prior:
 def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
     """Return the effect of known angular functions on every reading, shape (m,) (theory 4.3).
 
-    Raises ``DataError`` where a function does not reach over the whole volume.
+    Raises ``DataError`` if a function does not cover the whole travel of its axis.
     """
     arms = rotation_coefficients(layout, chain)
     total = np.zeros(len(layout))
@@ -64,20 +66,20 @@ def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
 
 
 def has_stated_u(angles: Angles) -> bool:
-    """Return whether any angular function has an uncertainty: then it is an observation, not a
-    constant.
+    """Return whether any angular function has an uncertainty: such a function is an observation,
+    not a constant.
     """
     return any(bool(np.any(np.isfinite(known.u_urad))) for known in angles.values())
 
 
 def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> Prior:
     """Return the rows for the differences of angular functions from the given functions, for the
-    change of reversal along an axis, and for the misses of moves (1 um each:
-    `solver.adjustment.scatter` estimates their size).
+    change of reversal along an axis, and for the misses of moves (with 1 um;
+    `solver.adjustment.scatter` estimates the size of the misses).
 
-    A function given with an uncertainty may differ by this uncertainty, a function given without
-    one may not differ. Other functions are not unknowns of the rows but effects
-    (`solver.model.effects`); ``free_angles`` leaves them free, to test whether the rows determine
+    The adjusted function may differ from a given function by the stated uncertainty, and not at all
+    if none is stated. Functions that are not given are effects (`solver.model.effects`) and no
+    unknowns; ``free_angles`` leaves these unknowns free, to test whether the readings determine
     them.
     """
     columns = design.columns
@@ -129,8 +131,8 @@ def origin_pattern(design: Design, angles: Angles, count: int) -> Vector:
     """Return the effect of the error of each given function's first position on the ``count`` rows
     of `make_prior`, shape (count, k).
 
-    A head's angles are relative to the first position: the error there is contained in all the
-    others.
+    A head's angles are relative to the first position, so all other values contain the error of the
+    first value.
     """
     names = []
     if 1 in design.columns.parts:
@@ -163,8 +165,7 @@ def _reversal_changes(
     """Return the rows that set the change of a reversal function from node to node to zero.
 
     Backlash hardly depends on the position of the axis. A reversal that grows along all axes at
-    once looks like drift between the outward and the return pass, and drift is the more likely of
-    the two.
+    once looks like drift between the outward and the return pass, and drift is more likely.
     """
     at = columns.of(2, axis, component)
     before = np.concatenate([at[:1], at[:-1]])

@@ -1,8 +1,8 @@
 """The requested results of a survey, as linear combinations of the design's unknowns.
 
-A function is its values at nodes 1 .. n with the end-point line removed (node n is then zero and
-left out); squareness and scale hold the slopes. A rigid rotation adds antisymmetric slopes, so the
-sums below do not depend on this rotation (contract 1): ``C0Y = -(EXY' + EYX')``, ``B0Z = EXZ' +
+A function consists of its values at nodes 1 .. n without the end-point line (node n is then zero
+and left out); squareness and scale contain the slopes. A rigid rotation adds antisymmetric slopes,
+so these sums do not depend on the rotation (contract 1): ``C0Y = -(EXY' + EYX')``, ``B0Z = EXZ' +
 EZX'``, ``A0Z = -(EYZ' + EZY')``.
 """
 
@@ -19,17 +19,17 @@ from stepdiag.solver.model.design import Columns
 
 DISPLACEMENT_PART, ROTATION_PART = 0, 1
 LATTICE = 4
-"""Nodes per axis of the lattice over which the volumetric mean is taken."""
+"""Number of nodes on each axis of the lattice over which the volumetric mean is taken."""
 _SHEARS = {"C0Y": (0, 1, -1.0), "B0Z": (0, 2, 1.0), "A0Z": (1, 2, -1.0)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Quantities:
-    """Combinations of unknowns, a row each, with the name of each (EXX .. ECZ, C0Y .. A0Z, X Y Z
-    for the scales) and its node.
+    """Quantities as combinations of the unknowns, one row for each quantity, with its name (EXX ..
+    ECZ, C0Y .. A0Z, X Y Z for the scales) and its node.
 
-    Units: um, urad, um/m; the node of a number is 0. A rotation keeps all its nodes 1 .. n: its
-    slope is the machine's own.
+    Units: um, urad, um/m; the node of a squareness or scale is 0. A rotation has all nodes 1 .. n,
+    because its slope is an error of the machine.
     """
 
     names: tuple[str, ...]
@@ -42,11 +42,11 @@ class Quantities:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Return the names, each once, in order."""
+        """Return the names of the quantities in order, without repetition."""
         return tuple(dict.fromkeys(self.names))
 
     def select(self, kept: NDArray[np.int64]) -> "Quantities":
-        """Return some of the quantities, in this order."""
+        """Return the quantities of the given rows, in the order of these rows."""
         combination = Rows(
             self.combination.column[kept],
             self.combination.value[kept],
@@ -60,8 +60,9 @@ class Quantities:
 
 
 def quantities(columns: Columns, volume: Volume) -> Quantities:
-    """Return all quantities of a design: nine shapes, the rotations where they are unknowns, three
-    squarenesses, three scales."""
+    """Return all quantities of a design: nine shapes, the rotations if these are unknowns, three
+    squarenesses, three scales.
+    """
     inner, every = np.arange(1, columns.nodes), np.arange(1, columns.nodes + 1)
     pieces: list[tuple[str, NDArray[np.int64], NDArray[np.int64], Vector]] = []
     for index, name in enumerate(DISPLACEMENTS):
@@ -127,7 +128,7 @@ def lattice_field_um(found: Quantities, volume: Volume, chain: str) -> Vector:
     ]
     return np.concatenate(
         [np.zeros((len(points), 3, 0)), *effects], axis=2
-    )  # with one increment only slopes may remain
+    )  # with one increment the functions have slopes only
 
 
 def _effects_um(

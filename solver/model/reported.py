@@ -1,4 +1,4 @@
-"""Reported results beside the quantities of a forecast: functions with and without their slope,
+"""Reported results that a forecast does not contain: functions with and without their slope, the
 reversal, the sum of the scales.
 """
 
@@ -23,30 +23,31 @@ REVERSAL_PART = 2
 
 
 def sloped(name: str) -> str:
-    """Return the name of a positioning function with its slope."""
+    """Return the name under which a positioning function is reported with its slope."""
     return f"sloped {name}"
 
 
 def shape(name: str) -> str:
-    """Return the name of a rotation without its end-point line."""
+    """Return the name under which a rotation is reported without its end-point line."""
     return f"shape {name}"
 
 
 def reversal(name: str) -> str:
-    """Return the name of the direction-dependent part of a function."""
+    """Return the name under which the direction-dependent part of a function is reported."""
     return f"reversal {name}"
 
 
 def backlash(name: str) -> str:
-    """Return the name of the direction-dependent part of a function with its value at the low
-    end.
+    """Return the name under which the direction-dependent part of a function is reported with its
+    value at the low end.
     """
     return f"backlash {name}"
 
 
 def reported(design: Design) -> Quantities:
-    """Return the quantities of `solver.model.quantities.quantities` followed by those named
-    above."""
+    """Return the quantities of `solver.model.quantities.quantities`, followed by the further
+    reported results of this module.
+    """
     columns = design.columns
     base = quantities(columns, design.volume)
     nodes = np.arange(1, columns.nodes + 1)
@@ -89,7 +90,9 @@ def _wide(columns: NDArray[Any]) -> NDArray[Any]:
 
 
 def _further(design: Design) -> list[tuple[str, int, int, float]]:
-    """Return name, part, number in its part, and 1 where the end-point line is removed."""
+    """Return, for each further function, its name, its part (0 displacement, 1 rotation, 2
+    reversal), its number in this part, and 1 if the end-point line is removed (else 0).
+    """
     parts = design.columns.parts
     found = [(sloped(name), 0, DISPLACEMENTS.index(name), 0.0) for name in POSITIONING]
     found += [
@@ -106,12 +109,12 @@ def _further(design: Design) -> list[tuple[str, int, int, float]]:
 def identified(
     found: Quantities, inverse: Inverse, usual: Mapping[str, float]
 ) -> dict[str, bool]:
-    """Return for every quantity whether the readings determine it fully, and with an uncertainty
-    below the ``usual`` size for a machine of its class.
+    """Return for every quantity whether the readings determine all its values, with an uncertainty
+    below the ``usual`` size for the machine's class.
 
-    ``usual`` holds usual sizes by name, in the units of the quantities; a name without a size needs
-    only to be determined. A positioning function with its slope is identified if its shape and its
-    scale are.
+    ``usual`` contains usual sizes by name, in the units of the quantities; a quantity without a
+    usual size is identified if it is determined. A positioning function with its slope is
+    identified if both its shape and its scale are identified.
     """
     variances = variance(found, inverse)
     names, number = np.unique(np.array(found.names), return_inverse=True)
@@ -127,10 +130,11 @@ def identified(
 
 
 def variance(found: Quantities, inverse: Inverse) -> Vector:
-    """Return the variance of every combination, shape (q,), meaningful for identified ones.
+    """Return the variance of every quantity, shape (q,); the variance of an unidentified quantity
+    has no meaning.
 
-    All but the first unknown of a combination are end nodes: few columns of the covariance suffice,
-    whatever the length of the functions.
+    All but the first unknown of a combination are end nodes, so few columns of the covariance
+    suffice for functions of any length.
     """
     column, value = found.combination.column, found.combination.value
     ends, place = np.unique(column[:, 1:], return_inverse=True)

@@ -15,7 +15,7 @@ Gaps of the printed text are filled as the paper intends (theory 3):
 
 The printed equations take mirror tilt for machine error (up to 420 um/m for 0.5 mrad) and scale
 errors for squareness (E5). The least-squares form uses all four equations, removes end-point lines
-and separates the scale sum; the remaining errors are invisible to this form too.
+and separates the scale sum; all other errors of the printed equations remain.
 """
 
 from dataclasses import dataclass
@@ -30,18 +30,20 @@ from stepdiag.solver.model.design import between_nodes
 from stepdiag.solver.model.layout import Layout
 
 SIGNS = np.array([[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]], dtype=np.float64)
-"""Travel of ppp, npp, pnp, ppn along X, Y, Z."""
+"""Signs of the travel along X, Y, Z in the setups ppp, npp, pnp, ppn."""
 CLOSURE = np.array([1.0, -1.0, -1.0, -1.0])
-"""dR_ppp - dR_npp - dR_pnp - dR_ppn at a node of an axis is zero for every machine (E14)."""
+"""Factors of the closure dR_ppp - dR_npp - dR_pnp - dR_ppn, which is zero at each node of an axis
+for every machine (E14).
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DiagonalData:
-    """The four diagonals sorted as in Wang's section III.I.
+    """The deviations along the four diagonals, sorted as in section III.I of Wang 2000.
 
-    ``by_position_um`` (diagonal, axis, n+1): deviation of the moves of an axis, cumulated by
-    position. ``end_um`` (diagonal,): deviation from start to end in the direction of travel.
-    ``passes`` (diagonal,): the number of averaged passes.
+    ``by_position_um`` (diagonal, axis, n+1) is the deviation of the moves of an axis, cumulated by
+    position. ``end_um`` (diagonal,) is the deviation from start to end in the direction of travel.
+    ``passes`` (diagonal,) is the number of averaged passes.
     """
 
     volume: Volume
@@ -52,10 +54,10 @@ class DiagonalData:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VectorSolution:
-    """``error_um`` (component, axis, n+1): E_x(x) is [0, 0], E_x(y) is [0, 1]; ``theta_urad``: xy,
-    zx, yz with the sign of Eq. 12.
+    """Solution of a closed form: ``error_um`` (component, axis, n+1) with E_x(x) at [0, 0] and
+    E_x(y) at [0, 1]; ``theta_urad`` with xy, zx, yz in the sign of Eq. 12.
 
-    ``scale_sum_um`` is S = sum L^2 scale / R, None where the method assumes it zero.
+    ``scale_sum_um`` is S = sum L^2 scale / R, None if the method assumes that S is zero.
     """
 
     error_um: Vector
@@ -64,9 +66,9 @@ class VectorSolution:
 
 
 def diagonal_data(layout: Layout) -> DiagonalData:
-    """Return the sorted data of the four diagonals, all passes averaged.
+    """Return the sorted data of the four diagonals as means over the passes.
 
-    Raises ``DataError`` where a diagonal is missing or its increments differ from the others'.
+    Raises ``DataError`` if a diagonal is missing or the diagonals have different increments.
     """
     names = [setup.name for setup in layout.setups]
     missing = [diagonal for diagonal in BODY_DIAGONALS if diagonal not in names]
@@ -96,8 +98,9 @@ def diagonal_data(layout: Layout) -> DiagonalData:
 
 
 def _one_pass(layout: Layout, index: int) -> tuple[Vector, float]:
-    """Return the cumulated deviations by position (axis, n+1) and the end-to-end deviation of a
-    pass, return passes turned outward."""
+    """Return the cumulated deviations of a pass by position (axis, n+1) and its end-to-end
+    deviation. The values of a return pass are turned into those of an outward pass.
+    """
     rows = np.flatnonzero(layout.pass_index == index)
     n = layout.volume.increments
     if len(rows) != 3 * n + 1:
@@ -136,8 +139,9 @@ def _one_pass(layout: Layout, index: int) -> tuple[Vector, float]:
 
 
 def wang2000(data: DiagonalData) -> VectorSolution:
-    """Return Eqs 7, 8 and 13 as printed: two of the four diagonals for each component, all slopes
-    kept."""
+    """Return the solution of Eqs 7, 8 and 13 as printed: two of the four diagonals for each
+    component, with all slopes.
+    """
     size, diagonal = _sizes(data.volume)
     f = data.by_position_um
     error = np.array(
@@ -156,8 +160,8 @@ def wang2000(data: DiagonalData) -> VectorSolution:
 
 
 def least_squares(data: DiagonalData) -> VectorSolution:
-    """Return the least-squares solution of all four equations, with end-point lines removed, and
-    the 4-term squareness (theory E5, E14).
+    """Return the least-squares solution of the equations of all four diagonals, without end-point
+    lines, and the squareness from four terms (theory E5, E14).
     """
     size, diagonal = _sizes(data.volume)
     error = (
@@ -182,18 +186,17 @@ def least_squares(data: DiagonalData) -> VectorSolution:
 
 
 def closure_um(data: DiagonalData) -> Vector:
-    """Return the closure residual r(axis, node), shape (3, n+1), its end-point line (mirror tilt)
-    removed (theory E14, 6.5).
+    """Return the closure residual r(axis, node), shape (3, n+1), without its end-point line, which
+    is mirror tilt (theory E14, 6.5).
 
-    The residual should be noise of twice a single deviation. A small residual does not prove the
-    absence of angular errors (theory 5.3).
+    The residual should be noise, twice as large as the noise of one deviation. A small residual
+    does not prove the absence of angular errors (theory 5.3).
     """
     return without_end_line(np.einsum("d,dan->an", CLOSURE, data.by_position_um))
 
 
 def without_end_line(values: Vector) -> Vector:
-    """Return functions (.., n+1), zero at the first node, with the line to their last node
-    removed."""
+    """Return functions (.., n+1), zero at the first node, minus the line to the last node."""
     share = np.arange(values.shape[-1]) / (values.shape[-1] - 1)
     shape: Vector = values - values[..., -1:] * share
     return shape

@@ -1,9 +1,9 @@
 """The machine's temperature from stop to stop: its growth during a survey is subtracted before the
 adjustment.
 
-Each reading is brought to the mean temperature of the survey, with the assumed expansion
-coefficients: the result stands for a single temperature. The uncertainty of the coefficients is an
-effect of the adjustment (`solver.model.effects`).
+Each reading is reduced to the mean temperature of the survey with the assumed expansion
+coefficients, so that the result is valid for one temperature. The uncertainty of the coefficients
+is an effect of the adjustment (`solver.model.effects`).
 """
 
 from dataclasses import replace
@@ -17,18 +17,20 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.model.layout import Layout
 
 STEADY_C = 0.005
-"""Least difference of temperatures in C: thermometers resolve 0.01 C."""
+"""Smallest difference of temperatures in C that is corrected: thermometers resolve 0.01 C."""
 WORTH_SAYING_C = 0.1
-"""Least change of temperature in C with a finding: 0.1 C moves a metre of steel by 1.2 um."""
+"""Smallest change of temperature in C that gives a finding: 0.1 C changes a metre of steel by 1.2
+um.
+"""
 
 
 def excess_c(layout: Layout, assumed: Assumptions) -> Vector:
     """Return the difference between the machine's temperature in each reading's pass and the mean
     of the survey, shape (m,).
 
-    The mean of a pass is used: the resolution of a thermometer must not become noise of the stops.
-    Zero everywhere if a reading has no temperature, if all have the same, or if the readings were
-    already reduced to 20 C.
+    The mean of a pass is used, so that the resolution of a thermometer does not become noise of the
+    stops. All differences are zero if a reading has no temperature, if all temperatures are equal,
+    or if the readings were already reduced to 20 C.
     """
     known = layout.temperature_c
     if (
@@ -44,8 +46,9 @@ def excess_c(layout: Layout, assumed: Assumptions) -> Vector:
 
 
 def counted_mm(layout: Layout) -> Vector:
-    """Return the commanded travel since the zero of each reading's count along its direction, axis
-    by axis, shape (m, 3)."""
+    """Return the commanded travel of each axis since the zero of the reading's count, along the
+    reading's direction, shape (m, 3).
+    """
     first = np.unique(layout.zero_index, return_index=True)[1]
     number = np.searchsorted(layout.zero_index[first], layout.zero_index)
     travelled: Vector = (
@@ -55,8 +58,8 @@ def counted_mm(layout: Layout) -> Vector:
 
 
 def at_one_temperature(layout: Layout, assumed: Assumptions) -> Layout:
-    """Return the layout with every deviation at the mean temperature of the survey, and a finding
-    if the difference matters.
+    """Return the layout with every deviation reduced to the mean temperature of the survey, with a
+    finding if the temperature changed by `WORTH_SAYING_C`.
     """
     warmer = excess_c(layout, assumed)
     if not np.any(warmer):
@@ -85,7 +88,7 @@ def _remarks(layout: Layout, assumed: Assumptions) -> tuple[Finding, ...]:
 
 
 def expansions(assumed: Assumptions) -> list[Message]:
-    """Return the different expansions of the axes in um/m/C for a person."""
+    """Return the words for the expansions of the axes in um/m/C, one for each different value."""
     return [
         message("plain-figure", figure=one) for one in dict.fromkeys(assumed.expansion_um_m_c)
     ]

@@ -1,5 +1,6 @@
-"""A survey before its drive: its identified quantities, their uncertainty, its time.
+"""A survey before it is driven: the quantities that it identifies, their uncertainty, and the time
+of the survey.
 
-In: runs. Out: forecasts and the cheapest runs for the missing quantities. Imported by methods and
-by `stepdiag`.
+Input: planned runs. Output: forecasts, and the cheapest runs that identify the missing quantities.
+The package `methods` and `stepdiag` import this package.
 """

@@ -1,4 +1,4 @@
-"""Everything about the job of a survey that is not in its plan."""
+"""The facts about the job of a survey that are not in the survey's plan."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from stepdiag.base.result.result import AXIS_LETTERS, ROTATIONS
 from stepdiag.solver.planning.information import Aim, Zone
 
 USUAL_DWELL_S = 2.0
-"""Averaging time in s assumed for a reading that states no noise of its own."""
+"""Averaging time in s of a reading to which the assumed noise belongs."""
 
 PITCH_AND_YAW = tuple(
     name for name in ROTATIONS if name[1] != "ABC"[AXIS_LETTERS.index(name[2])]
@@ -19,12 +19,13 @@ PITCH_AND_YAW = tuple(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Circumstances:
-    """``head``: an instrument of angles is available; ``head_turns``: the functions that its runs
-    measure, pitch and yaw of a 4-DOF head, and ``head_u_urad`` their uncertainty. ``shift_mm``: how
-    far a beam or a mirror can be shifted beside its usual line. ``aim``: the errors that the
-    control's tables can correct; ``zone``: the part of the volume that must be accurate.
-    ``in_step``: numbers of increments whose targets meet a wave of the screws always at the same
-    phase. ``dwells_s``: further possible dwells at each stop, besides the planned one.
+    """The facts of a job. ``head`` is true if an instrument of angles is available, ``head_turns``
+    are the functions that this instrument measures (pitch and yaw for a 4-DOF head),
+    ``head_u_urad`` is the uncertainty of these functions. ``shift_mm`` is the largest distance of a
+    shifted beam or mirror from its usual line. ``aim`` names the errors that the control's tables
+    can correct, ``zone`` the part of the volume that must be accurate. ``in_step`` are numbers of
+    increments whose targets all meet a wave of the screws at the same phase. ``dwells_s`` are
+    possible dwells besides the planned dwell.
     """
 
     chain: str = "FXYZ"
@@ -39,12 +40,13 @@ class Circumstances:
     dwells_s: tuple[float, ...] = (2.0, 4.0)
 
     def reading_um(self, dwell_s: float) -> float:
-        """Return the noise of a reading, the mean over a dwell."""
+        """Return the noise of a reading averaged over a dwell."""
         return self.assumed.reading_um * sqrt(USUAL_DWELL_S / dwell_s)
 
     def head_ranges_urad(self, runs: Iterable[Run]) -> dict[str, float]:
-        """Return the ranges of the functions that runs of the head measure, known to its
-        uncertainty."""
+        """Return the range that remains uncertain in each angular function that the runs of the
+        head measure.
+        """
         axes = {run.travel.axis.upper() for run in runs if run.is_fourdof}
         names = [name for name in self.head_turns if name[2] in axes]
         return {

@@ -1,5 +1,5 @@
-"""The forecast uncertainty of a survey, from the places of its stops: the model of the adjustment
-without readings.
+"""The forecast uncertainty of a survey from the positions of its stops: the model of the adjustment
+needs no readings.
 """
 
 from dataclasses import dataclass
@@ -43,9 +43,9 @@ from stepdiag.solver.planning.information import (
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 
 BENT = 6.7
-"""Root mean square (over the travel) of the residue between the smooth curve through n + 1 targets
-and the straight lines of tables, divided by shape / n^2; measured on drawn functions of five half
-waves that decrease with their number.
+"""Root mean square, over the travel, of the difference between the smooth curve through n + 1
+targets and the straight lines of a table, divided by shape / n^2. It was computed on random
+functions of five half waves that decrease with their number.
 """
 _OF_FEW = {
     1: (0.93, 0.0),
@@ -55,22 +55,22 @@ _OF_FEW = {
     5: (0.23, 0.16),
     6: (0.09, 0.15),
 }
-"""Upper limit of both residues relative to the shape, for few increments, where the power laws give
-up to twice the residue of drawn functions.
+"""Departures of `_between_targets` for few increments, by the number of increments: the power laws
+would give up to twice the departures of random functions.
 """
 ALIKE = 0.2
-"""Standard deviation of the logarithm of the joint residue of nine drawn functions of one shape
-between their targets.
+"""Standard deviation, among machines of one class, of the logarithm of the error that nine
+functions leave between their targets.
 """
 _NEXT_TO_NONE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Foresight:
-    """Forecast of a survey's statements, from the information of its setups
-    (`solver.planning.information`); each figure is computed on its first request.
+    """Forecast of the figures that a survey will report, from the information of its setups
+    (`solver.planning.information`); each figure is computed when it is first requested.
 
-    ``increments`` is the number in the survey: the layout may be a coarser version of the same
+    ``increments`` is the survey's number of increments: the layout may have fewer for the same
     runs.
     """
 
@@ -88,13 +88,13 @@ class Foresight:
 
     @cached_property
     def information(self) -> Vector:
-        """Return the information of all setups together."""
+        """Return the information of all setups together, shape (q, q)."""
         matrix: Vector = np.sum(self.by_setup.each, axis=0)
         return matrix
 
     @cached_property
     def of(self) -> Machinery:
-        """Return how the unknowns act on the machine."""
+        """Return the effect of the unknowns on the machine."""
         return machinery(self.by_setup, self.aim, self.zone)
 
     @cached_property
@@ -106,14 +106,15 @@ class Foresight:
     @cached_property
     def u(self) -> dict[str, float]:
         """Return the standard uncertainties (k = 1) that the adjustment of these stops will state,
-        by name: root mean square over a function's nodes, absent where not identified."""
+        by name: root mean square over a function's nodes. Unidentified quantities are absent.
+        """
         found = uncertainties(self.by_setup, self.information, self.of)
         return {name: u for name, u in found.items() if self.known[name]}
 
     @cached_property
     def volumetric_um(self) -> float:
-        """Return the standard uncertainty of the error vector over the volume; the straight lines
-        of tables are not counted.
+        """Return the standard uncertainty of the error vector over the volume; the error of a
+        table's straight lines between targets is not included.
 
         Unidentified quantities may be larger than usual, all by a common factor.
         """
@@ -126,21 +127,21 @@ class Foresight:
 
     @cached_property
     def full(self) -> tuple[float, float]:
-        """Return root mean square over the volume and degrees of freedom with all errors at their
-        usual size.
+        """Return the root mean square of the unknown error over the volume, and its degrees of
+        freedom, if all unidentified errors have their usual size.
         """
         return self.of.over(self.information, self.of.precision(self.usual_u))
 
     @cached_property
     def usual_u(self) -> Vector:
-        """Return the usual sizes of the unidentified errors; the adjustment limits no identified
-        error to a size.
+        """Return the usual size for each of the machine's usual rows, infinite for an identified
+        error: the adjustment does not limit identified errors.
         """
         return np.where(self.missed[0], self.of.usual_u, np.inf)
 
     @cached_property
     def missed(self) -> tuple[NDArray[np.bool_], float]:
-        """Return the usual rows of the unidentified errors, and the root mean square of these
+        """Return a mask of the usual rows of unidentified errors, and the root mean square of these
         errors over the volume.
         """
         missing = np.array(
@@ -150,7 +151,9 @@ class Foresight:
 
     @property
     def curved_um(self) -> float:
-        """Return the usual size of functions between targets beside a smooth curve, in um."""
+        """Return the usual departure of all functions, between targets, from the smooth curve
+        through the targets, in um.
+        """
         return (
             float(np.sqrt(9.0)) * self.assumed.shape_um * _between_targets(self.increments)[0]
         )
@@ -162,8 +165,8 @@ class Foresight:
 
     @cached_property
     def left_um(self) -> Interval:
-        """Return the predicted remaining error after an ideal compensation, at k = 2, as
-        `solver.result.prediction` computes it after the survey.
+        """Return the predicted remaining error after an ideal compensation (k = 2): the figure that
+        `solver.result.prediction` computes after the survey.
         """
         u, of = self.usual_u, self.of
         both, freedom = self.full
@@ -209,8 +212,9 @@ class Foresight:
 
     @cached_property
     def unseen(self) -> UnseenSlip | None:
-        """Return the most harmful unnoticed slip of the laser's count on a diagonal
-        (`slips_report`), None without a diagonal; computed only for surveys that are shown.
+        """Return the most harmful slip of the laser's count on a diagonal that would stay unnoticed
+        (`slips_report`), None without a diagonal. It is computed only for surveys that the user
+        sees.
         """
         if not any(setup.kind in KINDS["diagonals"] for setup in self.layout.setups):
             return None
@@ -218,8 +222,8 @@ class Foresight:
         return found.diagonals if found else None
 
     def hides(self) -> Words:
-        """Return in words the size of a slip that may stay unnoticed in a diagonal, and its effect
-        on the volume; empty without a diagonal.
+        """Return the words for the size of a slip that may stay unnoticed in a diagonal and the
+        slip's effect on the volume; empty without a diagonal.
         """
         if self.unseen is None:
             return ""
@@ -230,8 +234,8 @@ class Foresight:
 
 
 def bent_um(assumed: Assumptions, increments: int) -> float:
-    """Return the departure of functions between targets from the straight lines of tables, root
-    mean square over the volume.
+    """Return the departure of the nine functions, between targets, from the straight lines of
+    tables: a root mean square over the volume in um.
     """
     return (
         float(np.sqrt(9.0))
@@ -241,8 +245,9 @@ def bent_um(assumed: Assumptions, increments: int) -> float:
 
 
 def _between_targets(increments: int) -> tuple[float, float]:
-    """Return two residues of a function between its targets, each divided by its shape: from the
-    smooth curve through the targets, and from straight lines.
+    """Return two departures of a function between its targets, both divided by the function's
+    shape: the departure of the function from the smooth curve through the targets, and of this
+    curve from the straight lines between targets.
     """
     return _OF_FEW.get(increments, (CURVED / increments**3, BENT / increments**2))
 
@@ -274,13 +279,14 @@ def _left_um(
     bent_um: float,
     freedom: float,
 ) -> Interval:
-    """Return median and 95 % of the remaining error, over the likely sizes of angles and hidden
-    waves and over machines.
+    """Return the median and the 95 % interval of the remaining error, over the likely sizes of
+    angles and hidden waves and over the machines of a class.
 
-    Root mean squares over the volume of: the identified part, the missed part, the usual effect of
-    angles, the usual waves between targets, and the residue of tables between targets; and the
-    degrees of freedom of their sum. The residue of tables between the targets depends on the shapes
-    still to be measured: the shapes of a class of machine are alike within `ALIKE`.
+    The arguments in um are root mean squares over the volume: of the identified errors, of the
+    unidentified errors, of the usual effect of angles, of the usual waves between targets, and of a
+    table's error between targets (``bent_um``). ``freedom`` belongs to the sum of these parts. The
+    error between targets depends on shapes that no reading shows yet, which scatter by `ALIKE`
+    among machines of a class.
     """
     factor = likely_factors()
     chance = normal_points(len(factor)) / np.sqrt(2.0 * freedom)
@@ -289,8 +295,8 @@ def _left_um(
         hidden_um * np.roll(hidden_factors(), len(factor) // 2)[:, None],
     )
     missed = missed_um * class_factors()[:, None]
-    # these sizes have an order of their own, correlated neither with those of the angles nor with
-    # the rest
+    # the order of these sizes correlates neither with the sizes of the angles nor with the other
+    # parts
     machines = np.exp(ALIKE * normal_points(len(factor)))[
         np.arange(len(factor)) * 4 % len(factor), None
     ]

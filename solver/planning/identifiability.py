@@ -1,8 +1,8 @@
-"""Unidentified quantities of a survey, and the cheapest runs that identify them.
+"""The quantities that a survey does not identify, and the cheapest runs that would identify these.
 
-Identifiability depends on setups and beam lines, not on the fineness of the steps (theory 5.1: the
-same for n = 1 .. 20). The advice is therefore computed for the same setups in a few increments,
-which costs milliseconds for any survey.
+Identifiability depends on setups and beam lines, not on the number of increments (theory 5.1: no
+difference for n = 1 .. 20). The advice is therefore computed for the same setups with a few
+increments, in milliseconds for any survey.
 """
 
 from collections.abc import Sequence
@@ -28,8 +28,8 @@ COARSE = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """Runs that would identify the missing quantities, and their minutes with usual set-up
-    times.
+    """Runs that would identify the missing quantities, and the minutes of these runs with usual
+    set-up times.
     """
 
     runs: tuple[Run, ...]
@@ -39,11 +39,11 @@ class Advice:
 def cheapest_runs(
     layout: Layout, chain: str, model: Model, missing: Sequence[str]
 ) -> Advice | None:
-    """Return the runs to add such that all of ``missing`` (names of `reported`) is identified; None
-    if no usual run helps.
+    """Return the runs whose addition to the survey identifies all quantities of ``missing`` (names
+    of `reported`); None if no usual run helps.
 
-    Runs are added one by one: the run that identifies most per minute, or else the run that reduces
-    the remaining unknowns most.
+    Runs are added one by one: first the run that identifies most quantities a minute, or if none
+    does, the run that determines most of the undetermined combinations.
     """
     survey = _coarse(layout)
     design = build_design(
@@ -65,11 +65,11 @@ def cheapest_runs(
 
 
 def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Return which angular functions the readings determine in shape without any assumption on
-    their size (theory 5.2).
+    """Return the names of the angular functions whose shape the readings determine without an
+    assumption about the size (theory 5.2).
 
-    Surveys whose setups have a single beam line each determine none of these, so nothing is
-    computed.
+    A survey with one beam line for each setup determines none of these functions, so nothing is
+    computed for it.
     """
     if not names or all(setup.shift == 0 for setup in layout.setups):
         return ()
@@ -86,8 +86,8 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
 
 
 class Seen(NamedTuple):
-    """Quantities that a survey determines without any assumption on the size of the angles, and the
-    number of undetermined combinations of all unknowns.
+    """Quantities that a survey determines without an assumption about the size of the angles, and
+    the number of undetermined combinations of all unknowns.
     """
 
     known: dict[str, bool]
@@ -95,7 +95,9 @@ class Seen(NamedTuple):
 
 
 def identified_with_angles(layout: Layout, chain: str) -> Seen:
-    """Return the quantities determined by the stops of a survey if all 18 functions are unknown."""
+    """Return the quantities that the stops of a survey determine if all 18 functions are
+    unknown.
+    """
     design = build_design(layout, chain, Model(angles=True))
     inverse = _seen(design)
     found = quantities(design.columns, design.volume)
@@ -111,7 +113,7 @@ def _seen(design: Design) -> Inverse:
 
 
 def _coarse(layout: Layout) -> Plan:
-    """Return the setups of a survey as a plan of few increments."""
+    """Return a plan with the setups of a survey and few increments."""
     runs = []
     for index, setup in enumerate(layout.setups):
         row = int(np.argmax(layout.setup_index == index))
@@ -160,8 +162,8 @@ def _choose(
 
 
 def _hidden(missing: Quantities, null: Vector) -> int:
-    """Return the number of independent combinations of the missing quantities within the null
-    space.
+    """Return the number of independent combinations of the missing quantities that lie in the null
+    space, so that the readings do not determine them.
     """
     if not null.shape[1]:
         return 0
@@ -171,7 +173,9 @@ def _hidden(missing: Quantities, null: Vector) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
-    """A run as rows on the machine's unknowns and on its own further unknowns."""
+    """A possible further run: its rows for the machine's unknowns, and its rows for the run's own
+    unknowns (``nuisance``).
+    """
 
     minutes: float
     machine: Vector
@@ -188,7 +192,7 @@ class _Candidate:
         return cls(run_minutes(plan, run), machine, rows[:, own.columns.machine :])
 
     def narrow(self, null: Vector) -> Vector:
-        """Return the part of a null space that this run does not determine either."""
+        """Return the part of a null space that stays undetermined after this run."""
         seen = np.hstack([self.machine @ null, self.nuisance])
         scale = np.linalg.norm(seen, axis=0)
         scale = np.where(scale > NULL_TOLERANCE, scale, 1.0)
@@ -201,7 +205,9 @@ class _Candidate:
 
 
 def _usual_runs(model: Model) -> Sequence[Run]:
-    """Return the runs that a service engineer can add, in a single direction."""
+    """Return the runs that a service engineer can add, with a return pass only if reversal is an
+    unknown.
+    """
     return [
         Run(setup=name, return_pass=model.reversal)
         for name in (*LINEAR_RUNS, *BODY_DIAGONALS, *FACE_DIAGONALS)

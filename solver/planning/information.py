@@ -1,26 +1,27 @@
-"""Information of each setup of a survey about the machine, as a matrix that adds up: a plan is a
-sum of them.
+"""Information of each setup of a survey about the machine, as a matrix: the information of a plan
+is the sum of the matrices of its setups.
 
 A reading is ``y = A m + N f + P c + e`` (`solver.model.design`, `solver.model.effects`): ``m`` are
 the unknowns common to all setups (displacements at the nodes, amplitudes of the angular functions,
 backlash at first stops, the wavelength, the material), ``f`` a setup's own unknowns of any size
-(zero of each count, lean of the mirror, drift between a way out and its way back), ``c`` its own
-unknowns of a usual size (drift, wander, scale of the setup, misses of the moves, waves between the
-nodes), ``e`` noise of variance ``1 / w``. With ``W = [N P]`` and the precision D of its unknowns
-(nothing for f, 1 / size^2 for c) the information of a setup on m is (Schur complement of its own
-unknowns, Searle, Casella, McCulloch 1992, 7.4)
+(zero of each count, tilt of the mirror, drift between an outward pass and its return), ``c`` the
+setup's own unknowns of a usual size (drift, wander, scale of the setup, misses of the moves, waves
+between the nodes), ``e`` noise of variance ``1 / w``. With ``W = [N P]`` and the precision D of
+these own unknowns (zero for f, 1 / size^2 for c) the information of a setup about m is (Schur
+complement of its own unknowns, Searle, Casella, McCulloch 1992, 7.4)
 
     J = A' w A - A' w W (W' w W + D)^-1 W' w A
 
-No two setups share any of f, c, e, so that J adds over setups and is computed once for each. With
-the precision Q of the usual sizes of the machine's class the covariance of m is ``C = (J_1 + J_2 +
-.. + Q)^-1``: an inversion of some 190 unknowns, a millisecond, gives the survey's remaining
-uncertainty. Q limits every function to its usual size, so a further setup never makes C larger.
+No two setups share any of f, c, e, so that J adds over setups and is computed once for each setup.
+With the precision Q of the usual sizes of the machine's class the covariance of m is ``C = (J_1 +
+J_2 + .. + Q)^-1``: one inversion for some 190 unknowns, in a millisecond, gives the uncertainty
+after the survey. Q limits every function to its usual size, so a further setup never increases C.
 
-The error at points of the volume, rigid motion removed, is ``F' K m``; its mean square is ``tr(C H)
+The error at points of the volume, without rigid motion, is ``F' K m``; its mean square is ``tr(C H)
 + floor`` with ``H = K F F' K'``. A control with nine tables corrects only the functions of a single
 axis: with the projection T of a field on the space of tables, ``H = K F T F' K'``, and the floor is
-the remaining effect of the usual angular functions for any drive. A lattice has no floor.
+the effect of the usual angular functions that remains after any survey. A control with a lattice
+table has no floor.
 """
 
 from collections.abc import Mapping
@@ -62,19 +63,20 @@ from stepdiag.solver.uncertainty.machine import (
 Aim = Literal["lattice", "tables"]
 Zone = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 COMMON = {FIRST_STOPS: 3, "air": 1, "material temperature": 6, GROWTH: 0}
-"""The effects, other than the angles, that all setups share, and the number of their causes where
-no setup shows them.
+"""The effects, other than the angles, that all setups share, and the number of causes of each
+effect in a layout that does not contain the effect.
 """
 _FREE, _ANYTHING_UM, _ANY_TURN_UM = 1e-6, 1e4, 1e3
-"""Precision of unknowns of any size, which makes a matrix without information regular; and the size
-of displacements without information: for larger sizes rounding is 1e-8.
+"""Precision of unknowns of any size, which makes a matrix without information regular; size in um
+of displacements, and size of rotations of the whole machine, that no reading determines. With
+larger sizes rounding would exceed 1e-8.
 """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SetupInformation:
-    """The information of the setups of a layout in its order, shape (setups, q, q), and the meaning
-    of its unknowns.
+    """The information of each setup of a layout, in the layout's order, shape (setups, q, q), and
+    the meaning of the q unknowns.
     """
 
     each: Vector
@@ -115,8 +117,8 @@ def information_by_setup(
 
 
 def _common(layout: Layout, effects: tuple[Effect, ...]) -> Vector:
-    """Return the patterns of the effects common to all setups, shape (m, causes): the angles
-    first.
+    """Return the patterns of the effects that all setups share, shape (m, causes), those of the
+    angles first.
     """
     patterns = {effect.name: effect.pattern_um for effect in effects}
     turning = [patterns[name] for name in TURNING if name in patterns]
@@ -166,14 +168,14 @@ def _information(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Machinery:
-    """The machine behind the unknowns of a survey: its values ``K m``, the error over the volume,
-    and the usual sizes.
+    """Connection of a survey's unknowns m with the machine: the machine's values ``K m``, the error
+    over the volume, and the usual sizes.
 
-    ``machine``: the values; ``values`` (k, q) is K, ``fields`` (k, 3 points) is F, projected on the
-    errors that the aim's tables can correct; ``floor_um`` is the rest. ``usual`` (r, q) are
-    combinations expected to be zero within ``usual_u`` (r,), by ``usual_names``; ``causes`` (q,) is
-    the precision of the unknowns with a size of their own, 0 for displacements; ``turning`` (q,)
-    marks the angles among them.
+    ``values`` (k, q) is K for the values of ``machine``. ``fields`` (k, 3 points) is F, projected
+    on the errors that the tables of the aim can correct; ``floor_um`` is the error outside this
+    projection. ``usual`` (r, q) are combinations expected to be zero within ``usual_u`` (r,), with
+    the names ``usual_names``. ``causes`` (q,) is the precision of unknowns with a usual size, 0 for
+    displacements; ``turning`` (q,) marks the unknowns of the angles.
     """
 
     machine: Machine
@@ -187,7 +189,7 @@ class Machinery:
     turning: NDArray[np.bool_]
 
     def precision(self, u: Vector | None = None, angles: float = 1.0) -> Vector:
-        """Return the prior covariance Q of the causes, shape (q, q), with the usual sizes of the
+        """Return the prior precision Q, shape (q, q), of the unknowns, with the usual sizes of the
         angles multiplied by a factor.
         """
         scaled = self.usual / (self.usual_u if u is None else u)[:, None]
@@ -202,15 +204,16 @@ class Machinery:
 
     @property
     def seen(self) -> Vector:
-        """Return H over the number of points, shape (q, q): ``tr(C H)`` is a mean square over the
-        volume."""
+        """Return H over the number of points, shape (q, q): ``tr(C H)`` is then the mean square
+        error over the volume.
+        """
         across = self.values.T @ self.fields
         matrix: Vector = across @ across.T * 3.0 / self.fields.shape[1]
         return matrix
 
     def over(self, information: Vector, precision: Vector) -> tuple[float, float]:
-        """Return the root mean square of the unknown error over the volume, in um, and its degrees
-        of freedom.
+        """Return the root mean square over the volume of the unknown error, in um, and the degrees
+        of freedom of this error.
         """
         covariance = self.values @ inverse(information + precision) @ self.values.T
         return over_volume(0.5 * (covariance + covariance.T), self.fields)
@@ -226,8 +229,8 @@ def inverse(matrix: Vector) -> Vector:
 def machinery(
     found: SetupInformation, aim: Aim = "lattice", zone: Zone | None = None
 ) -> Machinery:
-    """Return the machine behind the unknowns; ``zone`` is the part of the volume that matters, all
-    of it if None.
+    """Return the connection of the unknowns with the machine; ``zone`` is the part of the volume
+    that must be accurate (None: the whole volume).
     """
     design, shapes, assumed = found.design, found.shapes, found.assumed
     turning = len(shapes.names) * (shapes.waves + 1)
@@ -271,8 +274,9 @@ def _fields(
     aim: Aim,
     zone: Zone | None,
 ) -> tuple[Vector, Vector]:
-    """Return the effect of a unit of each value on the error at the points, rigid motion removed,
-    for the part that the aim corrects and for its rest, shapes (k, 3 points).
+    """Return the effect of a unit of each machine value on the error at points of the volume,
+    without rigid motion, shapes (k, 3 points): first the part that the tables of the aim can
+    correct, then the other part.
     """
     points = anywhere_mm(volume)
     machine = Machine(
@@ -300,11 +304,11 @@ def _fields(
 def determined(
     found: SetupInformation, information: Vector, usual: Mapping[str, float]
 ) -> dict[str, bool]:
-    """Return by name whether a survey with known angles would determine a quantity, and with an
-    uncertainty below its ``usual`` size.
+    """Return by name whether a survey, if the angles were known, would determine a quantity with an
+    uncertainty below the quantity's ``usual`` size.
 
-    In um, urad, um/m. If displacements may have any size, an undetermined part has this
-    uncertainty.
+    Usual sizes are in um, urad and um/m. Displacements get a prior of `_ANYTHING_UM`, which is the
+    uncertainty of an undetermined part.
     """
     names, displacements = reported(found.design), found.design.columns.machine
     own = (
@@ -320,8 +324,9 @@ def determined(
 def uncertainties(
     found: SetupInformation, information: Vector, of: Machinery
 ) -> dict[str, float]:
-    """Return by name the root mean square of the standard uncertainty over a function's nodes, from
-    the readings and the usual sizes of causes alone."""
+    """Return by name the standard uncertainty of each quantity (root mean square over a function's
+    nodes), from the readings and the usual sizes of causes.
+    """
     names, displacements = reported(found.design), found.design.columns.machine
     precision = of.precision(np.full(len(of.usual_u), np.inf))
     covariance = inverse(information + precision)[:displacements, :displacements]

@@ -1,10 +1,10 @@
-"""The forecast of a survey, and its cost, before the drive; and the surveys that are worth their
-time.
+"""The forecast of a survey and of its minutes before it is driven, and the alternative surveys that
+are worth their time.
 
-A forecast needs no reading: the model of the adjustment follows from the places of the stops, and
-its uncertainty over the volume equals the figure in the result of the survey. Unidentified
+A forecast needs no reading: the model of the adjustment follows from the positions of the stops,
+and the forecast uncertainty over the volume equals that in the result of the survey. Unidentified
 quantities have the usual sizes of the machine's class (`Assumptions`), so that a run that
-identifies them has a gain, and no run makes a forecast worse.
+identifies such a quantity has a gain, and no run makes a forecast worse.
 """
 
 from collections.abc import Sequence
@@ -24,32 +24,38 @@ from stepdiag.solver.planning.identifiability import Seen, identified_with_angle
 from stepdiag.solver.planning.search import Search
 
 WORTH = 0.95
-"""Largest ratio of remaining errors at which a longer survey is listed beside a shorter one."""
+"""Largest ratio of the remaining error of a longer survey to that of a shorter survey at which the
+longer survey is worth its time.
+"""
 MOST_NAMED = 7
 SHORTEST_MIN, LONGEST_MIN, LONGER = 90.0, 300.0, 1.3
-"""Ratio of the times for which surveys are sought, one to the next."""
+"""Shortest and longest time in minutes for which surveys are sought, and the ratio of each such
+time to the time before.
+"""
 MAX_INCREMENTS = 20
-"""Finer surveys are forecast with this number of increments: angular functions then have no more
-waves (`effects.MOST_WAVES`), and the uncertainty at a node hardly depends on the number of others.
+"""Largest number of increments in a forecast, even for a finer survey: beyond it angular functions
+have no further waves (`effects.MOST_WAVES`), and the uncertainty at a node hardly depends on the
+number of nodes.
 """
 HALVINGS = 2
-"""Number of halvings of the time between a survey that reaches the target and a shorter one that
-does not.
+"""Number of halvings of the time interval between a survey that reaches the target uncertainty and
+a shorter survey that does not.
 """
 FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forecast:
-    """The forecast of a planned survey; each figure is computed on its first request.
+    """The forecast of a planned survey; each figure is computed when it is first requested.
 
-    ``u``: combined standard uncertainty by name, root mean square over a function's nodes, None
-    where not identified (units: um, urad, um/m). ``angles`` states whether the readings resolve all
-    angular functions, or the assumed size is used. ``volumetric_um``: root mean square over the
-    volume of the error vector's uncertainty (k = 1), rigid motion removed; ``left_um``: the
-    remaining error after an ideal compensation (rms, k = 2), predicted by result and ``verify``
-    after the survey. ``hidden``: independent combinations of the unknowns without any reading, if
-    the angular functions are unknowns too.
+    ``u`` is the combined standard uncertainty by name in um, urad or um/m: the root mean square
+    over a function's nodes, None for an unidentified quantity. ``angles`` is "solved" if the
+    readings determine all angular functions, else "assumed". ``volumetric_um`` is the root mean
+    square over the volume of the error vector's uncertainty (k = 1), without rigid motion.
+    ``left_um`` is the remaining error after an ideal compensation (rms, k = 2): the figure that the
+    result and ``verify`` predict after the survey. ``hidden`` is the number of independent
+    combinations of the unknowns that no reading contains, if the angular functions are unknowns
+    too.
     """
 
     plan: Plan
@@ -59,12 +65,12 @@ class Forecast:
 
     @property
     def minutes(self) -> float:
-        """Return the duration of the survey."""
+        """Return the duration of the survey in minutes."""
         return plan_minutes(self.plan)
 
     @cached_property
     def ahead(self) -> Foresight:
-        """Return its uncertainties."""
+        """Return the forecast figures of the survey."""
         return Foresight(
             layout=self.layout,
             chain=self.about.chain,
@@ -85,44 +91,46 @@ class Forecast:
 
     @property
     def resolved(self) -> tuple[str, ...]:
-        """Return the functions that are solved from the laser's readings."""
+        """Return the names of the functions that the laser's readings determine."""
         return tuple(name for name in FUNCTIONS if self._free.known[name])
 
     @property
     def angles(self) -> Literal["assumed", "solved"]:
-        """Name the source of the angular functions."""
+        """Return whether the size of the angular functions is assumed or the readings solve
+        them.
+        """
         return "solved" if self.resolves_all else "assumed"
 
     @property
     def u(self) -> dict[str, float | None]:
-        """Return combined standard uncertainties."""
+        """Return the combined standard uncertainty of each quantity by name."""
         return {
             name: self.ahead.u.get(name) for name in (*FUNCTIONS, *SQUARENESS, *AXIS_LETTERS)
         }
 
     @property
     def volumetric_um(self) -> float:
-        """Return the uncertainty over the volume."""
+        """Return the root mean square over the volume of the error vector's uncertainty."""
         return self.ahead.volumetric_um
 
     @property
     def left_um(self) -> Interval:
-        """Return the remaining error after compensation."""
+        """Return the remaining error after an ideal compensation."""
         return self.ahead.left_um
 
     @property
     def resolves_all(self) -> bool:
-        """Return whether all 18 functions could be solved from the laser's readings alone."""
+        """Return whether the laser's readings alone determine all 18 functions."""
         return set(self.resolved) == set(FUNCTIONS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """The survey as planned, and the surveys worth their time, shortest first (`MOST_NAMED` at
-    most, each `WORTH` its minutes).
+    """The forecast of the planned survey, and at most `MOST_NAMED` other surveys that are worth
+    their time (`WORTH`), the shortest first.
 
-    ``best``: the survey for the requested time or target uncertainty, None without a request or a
-    fit. ``with_head``: the requested survey (without a request the planned survey), with a run of a
+    ``best`` is the survey for the requested time or target uncertainty, None without a request or
+    without such a survey. ``with_head`` is the requested (else the planned) survey with a run of a
     4-DOF head along each axis; None if the head has no gain or is already planned.
     """
 
@@ -133,8 +141,8 @@ class Advice:
 
     @property
     def next(self) -> Forecast | None:
-        """Return the first survey of the list that is worth its time beside the planned survey;
-        None without such a survey.
+        """Return the shortest survey of ``front`` that is worth its time compared with the planned
+        survey; None without such a survey.
         """
         better = (
             one
@@ -151,8 +159,8 @@ def plan(
     available_min: float | None = None,
     target_um: float | None = None,
 ) -> Advice:
-    """Return the forecast, the surveys worth their time, and the best survey within
-    ``available_min`` or down to ``target_um``.
+    """Return the forecast of a survey, the surveys worth their time, and the best survey within
+    ``available_min``, or the shortest survey that reaches ``target_um``.
     """
     about = about or Circumstances()
     now = forecast(survey, about)
@@ -185,8 +193,9 @@ def _found(
     limits_min: Sequence[float],
     target_um: float | None = None,
 ) -> list[Forecast]:
-    """Return the best surveys within some times, until the last two are not worth their time or one
-    reaches a target; the last time is always tried where there is no target.
+    """Return the best surveys within some limits of time. The series ends when a survey reaches the
+    target, or when the last two surveys are not worth their time; without a target the last limit
+    is always tried.
     """
     found: list[Forecast] = []
     for limit in limits_min:
@@ -213,7 +222,9 @@ def _worth(found: list[Forecast]) -> tuple[Forecast, ...]:
 def _down_to(
     search: Search, about: Circumstances, found: list[Forecast], target_um: float
 ) -> Forecast | None:
-    """Return the shortest survey found whose remaining error is within a target."""
+    """Return the shortest survey whose remaining error is within the target; None if no survey
+    reaches the target.
+    """
     reaching = [one for one in found if one.left_um.value_um <= target_um]
     if not reaching:
         return None
@@ -234,8 +245,8 @@ def _down_to(
 
 
 def forecast(survey: Plan, about: Circumstances) -> Forecast:
-    """Return the forecast of the survey. Raises ``UsageError`` for a plan without a run of the
-    laser.
+    """Return the forecast of a planned survey. Raises ``UsageError`` for a plan without a run of
+    the laser.
     """
     coarse = replace(
         survey,

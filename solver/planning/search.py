@@ -1,5 +1,5 @@
-"""The best surveys for any time, by exchange: a line more, a line less, a line in place of another
-(Fedorov 1972, Cook and Nachtsheim 1980).
+"""Search of the best survey for any time, by exchange: each step adds a beam line, removes a line
+or replaces a line by another (Fedorov 1972, Cook and Nachtsheim 1980).
 
 The information of lines adds up (`solver.planning.information`), so only the choice of lines has to
 be searched. If C is the covariance of the unknowns without a line of information ``B B'``, the line
@@ -8,10 +8,10 @@ lowers the mean square ``tr(C H)`` over the volume by
     tr((1 + B' C B)^-1 B' C H C B)                 (1 - B' C B for its removal)
 
 which is computed for all possible lines at once. Minutes come from the user: the first line of a
-setup costs its setting up, a further line of the same travel the shift. The search chooses the
-number of passes, the orders of axes, the number of increments and the dwell of all lines for the
-lines found, and then continues the exchange. Lines are compared with few increments (`COARSE`):
-their order does not depend on the number of increments.
+setup costs the time of setting up, a further line of the same travel the time of a shift. For the
+chosen lines the search then chooses the number of passes, the orders of axes, the number of
+increments and the dwell, and continues the exchange. Lines are compared with few increments
+(`COARSE`), because the ranking of lines does not depend on the number of increments.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -39,34 +39,36 @@ from stepdiag.solver.planning.information import inverse
 
 COARSE, MIDDLE = 6, 10
 INCREMENTS = range(8, 21)
-"""Possible numbers of increments; fewer leave too large an error between the targets, more gain
-nothing.
+"""Possible numbers of increments: fewer increments leave too large an error between the targets,
+more increments have no gain.
 """
 ORDERS = ("xyz", "yzx", "zxy")
-"""Orders of axes of setups and repeats in turn: alternating costs nothing and shows more of the
-angles (theory 5.2).
+"""Orders of axes that setups and repeats use in turn: the change of order costs no time and shows
+more of the angles (theory 5.2).
 """
 LEAST_MISSED = 6
 """Number of the least valuable lines tried for removal in each exchange."""
 LEAST_GAIN = 3e-3
-"""Smallest gain of an exchange, as a share of the figure."""
+"""Smallest gain of an exchange, as a share of the mean square error."""
 TOGETHER = 8
-"""Number of lines whose patterns are computed together; a larger number wastes memory on zeros,
-because no two lines share causes.
+"""Number of lines whose patterns are computed in one matrix; a larger number wastes memory on
+zeros, because no two lines share causes.
 """
 KEPT = 2
-"""Number of choices whose covariance is kept: the next exchange begins with one of them."""
+"""Number of choices of lines whose covariance is kept in memory: the next exchange begins with one
+of these choices.
+"""
 _NOTHING = 1e-10
-"""Share of the largest part of the mean square below which a part is rounding."""
+"""Share of the largest component of the mean square error below which a component is rounding."""
 _TOLD = 1e-3
-"""Precision (1 / um^2) below which a line adds nearly no information to the usual sizes: it
-corresponds to 30 um.
+"""Precision (1 / um^2) below which the information of a line is neglected: it corresponds to an
+uncertainty of 30 um.
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ways:
-    """The way of driving all lines of a survey."""
+    """A way of driving all lines of a survey: repeats, passes, orders of axes and dwell."""
 
     repeats: int
     return_pass: bool
@@ -76,11 +78,11 @@ class Ways:
 
     @property
     def passes(self) -> int:
-        """Return how many passes each setup has."""
+        """Return the number of passes of each setup."""
         return self.repeats * (1 + self.return_pass)
 
     def of(self, run: Run) -> Run:
-        """Return a run driven in this way."""
+        """Return a run with the repeats, passes and orders of axes of this way of driving."""
         orders = self.axis_orders if setup_of(run.setup).kind in ("step", "face") else ()
         return replace(
             run,
@@ -92,8 +94,8 @@ class Ways:
 
 
 def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
-    """Return the possible ways of driving, first the simplest: once, in a single direction and with
-    the planned dwell.
+    """Return the possible ways of driving a survey, the simplest first: one pass in one direction,
+    with the planned dwell.
     """
     return [
         Ways(
@@ -116,9 +118,9 @@ def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
 
 
 def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
-    """Return every possible line, once and in a single direction: body diagonals and their shifts,
-    face diagonals at the low end, in the middle and at the high end of the standing axis, runs
-    along all four edges; and the head's lines with a head.
+    """Return every possible line as a run of one pass: body diagonals and body diagonals with a
+    shifted beam, face diagonals at the low end, in the middle and at the high end of the standing
+    axis, runs along all four edges; and, with a head, the head's lines.
     """
     size = np.array(survey.volume.size_mm)
     lines: list[tuple[str, tuple[float, float, float]]] = []
@@ -146,7 +148,7 @@ def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
 
 
 def _travels(volume: Volume, run: Run) -> bool:
-    """Return whether the volume has every axis that a run travels."""
+    """Return whether the volume has a length along every axis that a run travels."""
     return all(
         has or not sign for has, sign in zip(volume.travelled, run.travel.signs, strict=True)
     )
@@ -164,15 +166,16 @@ def _triple(values: Vector) -> tuple[float, float, float]:
 
 
 def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -> Plan:
-    """Return the plan that drives lines, grouped by travel; lines beside the usual line are
-    numbered.
+    """Return the plan of a survey along the given lines, grouped by travel; the name of a setup on
+    a shifted line gets a number.
     """
     runs: list[Run] = []
     number: dict[str, int] = {}
     usual = {run.travel.base for run in lines if not any(run.beam_offset_mm)}
 
     def place(run: Run) -> tuple[bool, int, tuple[float, float, float]]:
-        # a survey file names the setups on their usual lines first, then the setups beside them
+        # a survey file names the setups on their usual lines first, then the setups on shifted
+        # lines
         base = run.travel.base
         return base not in usual, DRIVEN_SETUPS.index(base), run.beam_offset_mm
 
@@ -200,9 +203,9 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
 
 @dataclass(frozen=True, slots=True)
 class _Through:
-    """The lines relative to a choice of lines, with its covariance C and the factors B of each
-    line: ``inner`` B'CB, ``shown`` B'Ch, ``across`` B'C, shapes (lines, r, ..), and the remaining
-    mean square over the volume.
+    """Products of each line's factors B with the covariance C after a choice of lines: ``inner``
+    B'CB, ``shown`` B'Ch, ``across`` B'C, shapes (lines, r, ..); and the mean square error over the
+    volume that remains after the choice.
     """
 
     square_um2: float
@@ -211,8 +214,8 @@ class _Through:
     across: Vector
 
     def without(self, line: int, factors: Vector) -> "_Through":
-        """Return the lines relative to the choice with one of its lines taken out; ``across`` is
-        unchanged.
+        """Return the products for the choice without one of its lines; ``across`` is not
+        updated.
         """
         count, rank, size = self.across.shape
         lost = np.linalg.inv(np.eye(rank) - self.inner[line])
@@ -227,8 +230,8 @@ class _Through:
         )
 
     def changed(self, sign: float) -> Vector:
-        """Return the mean square with each of the lines added to the choice (``sign`` +1), or
-        removed from it (-1), shape (lines,).
+        """Return the mean square error after adding each line to the choice (``sign`` +1), or after
+        removing each line from the choice (-1), shape (lines,).
         """
         inner = np.eye(self.inner.shape[1]) + sign * self.inner
         outer = self.shown @ np.swapaxes(self.shown, 1, 2)
@@ -238,10 +241,10 @@ class _Through:
 
 
 class Exchange:
-    """Information of the possible lines, driven in one way, and the search among them.
+    """The search among possible lines, all driven in one way, by the information of each line.
 
-    ``done`` are runs already driven, each in its own way; the last run is still set up. Lines are
-    weighed on ``weighed_on`` increments.
+    ``done`` are runs already driven, each as it was driven; the last of these is still set up.
+    Lines are compared on ``weighed_on`` increments.
     """
 
     def __init__(
@@ -288,7 +291,9 @@ class Exchange:
         self._through = lru_cache(KEPT)(self._seen_through)
 
     def _laid_out(self, places: Sequence[int]) -> Foresight:
-        """Compute the information of some lines; return the foresight of a survey of them."""
+        """Compute the information of some lines, and return the foresight of a survey of these
+        lines.
+        """
         layout = lay_out(
             perfect_readings(
                 Plan(
@@ -313,8 +318,8 @@ class Exchange:
         return ahead
 
     def _each(self, places: Iterable[int]) -> Vector:
-        """Return the information of some lines, shape (places, q, q). The information for a way of
-        driving that is compared on a few lines is computed for these only.
+        """Return the information of some lines, shape (places, q, q). It is computed only for lines
+        that the search compares.
         """
         wanted = list(places)
         missing = [place for place in wanted if place not in self._information]
@@ -337,8 +342,8 @@ class Exchange:
         return self._driving_min[increments]
 
     def beside_um2(self, increments: int) -> float:
-        """Return the mean square that no line lowers: the residue of tables between targets, unseen
-        waves, the aim's floor.
+        """Return the part of the mean square error that no line lowers: the error of tables between
+        targets, waves too short for the targets, and the floor of the aim.
         """
         hidden = float(np.quantile(hidden_factors(), 0.5)) * self._ahead.hidden_um
         return (
@@ -349,7 +354,7 @@ class Exchange:
 
     @cached_property
     def _factors(self) -> Vector:
-        """Return B' of every line, shape (lines, r, q)."""
+        """Return the transposed factor B' of every line's information, shape (lines, r, q)."""
         value, vector = np.linalg.eigh(self._each(range(len(self.lines))))
         most = int(np.max(np.sum(value > _TOLD, axis=1), initial=1))
         kept = vector[:, :, -most:] * np.sqrt(np.maximum(value[:, None, -most:], 0.0))
@@ -357,8 +362,8 @@ class Exchange:
 
     @cached_property
     def _shows(self) -> Vector:
-        """Return h, shape (q, k): the part of the unknowns that affects the error over the
-        volume.
+        """Return h, shape (q, k), with H = h h': the combinations of the unknowns that affect the
+        error over the volume.
         """
         value, vector = np.linalg.eigh(self._seen)
         kept = value > _NOTHING * value[-1]
@@ -366,7 +371,7 @@ class Exchange:
         return shown
 
     def minutes(self, chosen: Sequence[int], increments: int) -> float:
-        """Return how long lines take."""
+        """Return the minutes of driving and setting up the chosen lines."""
         some = list(chosen)
         bases, first = np.unique(self._base[some], return_index=True)
         shifts = len(some) - len(bases)
@@ -379,7 +384,7 @@ class Exchange:
     def _fitting(
         self, chosen: Sequence[int], increments: int, limit_min: float
     ) -> NDArray[np.int64]:
-        """Return the further lines that fit into a time in addition to some lines."""
+        """Return the lines that fit into a time limit in addition to the chosen lines."""
         some = list(chosen)
         setting = np.where(
             np.isin(self._base, self._base[some]),
@@ -396,8 +401,8 @@ class Exchange:
         return inverse(self._usual + np.sum(self._each(sorted(chosen)), axis=0))
 
     def square_um2(self, chosen: Sequence[int]) -> float:
-        """Return the mean square of the error over the volume after the chosen lines, without the
-        part that no line can lower.
+        """Return the mean square error over the volume after the chosen lines, without the part
+        that no line can lower.
         """
         some = frozenset(chosen)
         if some not in self._square_um2:
@@ -405,9 +410,9 @@ class Exchange:
         return self._square_um2[some]
 
     def lowered_um2(self, chosen: Sequence[int]) -> tuple[float, float]:
-        """Return the decrease of the mean square error of one machine by lines, mean and standard
-        deviation: the error without them is the sum of the error with them and of the knowledge
-        that they add, which are independent.
+        """Return the mean and the standard deviation, among machines, of the decrease of the mean
+        square error by the chosen lines. The error before is the sum of the error after and of the
+        added knowledge, which are independent of each other.
         """
         with_them = self._covariance(frozenset(chosen)) @ self._seen
         added = self._covariance(frozenset()) @ self._seen - with_them
@@ -426,10 +431,11 @@ class Exchange:
         )
 
     def weighed(self, chosen: Sequence[int], without: Sequence[int] = ()) -> Vector:
-        """Return the mean square with each of all lines added to the chosen lines, or to these
-        without one, shape (lines,).
+        """Return the mean square error after adding each possible line to the chosen lines (minus
+        those in ``without``), shape (lines,).
 
-        The searches of all times meet the same choices: each is computed once.
+        The searches for different times meet the same choices of lines: the result for each choice
+        is stored.
         """
         left = frozenset(chosen).difference(without)
         if left not in self._added_um2:
@@ -440,11 +446,13 @@ class Exchange:
         return self._added_um2[left]
 
     def _without_each(self, chosen: Sequence[int]) -> Vector:
-        """Return the mean square without each of the chosen lines, shape (chosen,)."""
+        """Return the mean square error after removing each one of the chosen lines, shape
+        (chosen,).
+        """
         return self._through(frozenset(chosen)).changed(-1.0)[list(chosen)]
 
     def improved(self, chosen: Sequence[int], increments: int, limit_min: float) -> list[int]:
-        """Return the chosen lines after repeated exchanges that keep within a time, each the
+        """Return the chosen lines after repeated exchanges within a time limit: each step makes the
         exchange with the largest gain.
         """
         now, beside = list(chosen), self.beside_um2(increments)
@@ -463,7 +471,7 @@ class Exchange:
                     continue
                 found = self.weighed(now, without)[fitting]
                 if found.min() < best[0]:
-                    # of equally good lines the simplest is offered first
+                    # the simplest of equally good lines comes first
                     first = int(
                         np.argmax(
                             (found <= found.min() + LEAST_GAIN * beside) & (found < best[0])
@@ -476,8 +484,8 @@ class Exchange:
 
     @cached_property
     def _starts(self) -> tuple[tuple[float, tuple[int, ...]], ...]:
-        """Return every choice among the lines without a shift, along body diagonals and first
-        edges, with its remaining error, the best first.
+        """Return every choice of lines without a shift, along body diagonals and first edges, with
+        the mean square error after it, the best choice first.
         """
         plain = [
             place
@@ -491,7 +499,9 @@ class Exchange:
         return tuple(sorted((self.square_um2(choice), choice) for choice in choices))
 
     def start(self, increments: int, limit_min: float) -> tuple[int, ...]:
-        """Return the best choice of lines without a shift within a time; empty if none fits."""
+        """Return the best choice of lines without a shift that fits into a time limit; empty if
+        none fits.
+        """
         return next(
             (
                 choice
@@ -503,9 +513,10 @@ class Exchange:
 
 
 def _increments(survey: Plan, about: Circumstances) -> list[int]:
-    """Return the possible numbers of increments: with steps of whole micrometres, as in programs,
-    and not in phase with a screw unless its runs have their own targets. If no number fulfils both
-    conditions, return the numbers that fulfil the first; if none does, the plan's number.
+    """Return the possible numbers of increments: those with steps of whole micrometres (as in
+    programs) that are not in phase with a wave of a screw, unless runs of the plan have their own
+    targets. If no number fulfils both conditions, return the numbers that fulfil the first; if none
+    does, the plan's number.
     """
     size = np.array(survey.volume.size_mm)
     whole = [n for n in INCREMENTS if np.allclose(size / n, np.round(size / n, 3), atol=1e-9)]
@@ -518,8 +529,8 @@ def _increments(survey: Plan, about: Circumstances) -> list[int]:
 
 
 class Search:
-    """The best surveys of a volume: the search for each time starts from the best of the plain
-    lines and from the survey found before.
+    """The search of the best surveys of a volume. The search for each time limit starts from the
+    best choice of lines without a shift, and from the survey of the search before.
     """
 
     def __init__(self, survey: Plan, about: Circumstances) -> None:
@@ -532,13 +543,13 @@ class Search:
         self._before: tuple[Sequence[int], Ways] = ((), self._every[0])
 
     def driven(self, ways: Ways) -> Exchange:
-        """Return the information of the lines, all driven in one way."""
+        """Return the exchange of the possible lines for one way of driving."""
         if ways not in self._made:
             self._made[ways] = Exchange(self._survey, self._about, self.lines, ways)
         return self._made[ways]
 
     def within(self, limit_min: float) -> Plan | None:
-        """Return the best survey within a time, None where not even one line fits."""
+        """Return the best survey within a time limit, None if not even one line fits."""
         once = [one for one in self._every if one.passes == 1]
         found = [
             one
@@ -550,7 +561,7 @@ class Search:
                 limit_min,
             )
         ]
-        # the dwell that is best on few increments is most often so on many
+        # the dwell that is best with few increments is mostly the best with many increments
         best = min(found, key=lambda one: one[0])[2] if found else once[0]
         fine = [
             (self.driven(one).start(self._finest, limit_min), one)
@@ -570,8 +581,9 @@ class Search:
     def _from(
         self, start: Sequence[int], ways: Ways, increments: int, limit_min: float
     ) -> Iterator[tuple[float, list[int], Ways, int]]:
-        """Yield the lines after exchanges, the best way to drive them, and the lines after
-        exchanges in this way.
+        """Yield surveys as mean square error, lines, way of driving and increments: the lines come
+        from exchanges, then the best way for these lines is chosen, and further exchanges follow in
+        this way.
         """
         chosen = self.driven(ways).improved(start, increments, limit_min)
         for _ in range(2):
@@ -596,8 +608,8 @@ class Search:
 
 
 def _known_angles(ahead: Foresight, about: Circumstances, runs: Sequence[Run]) -> Vector:
-    """Return by unknown the precision that runs of a head add to pitch and yaw, in addition to that
-    of the usual sizes.
+    """Return for each unknown the precision that runs of a head add to the precision by the usual
+    size: only pitch and yaw gain.
     """
     shapes, added = ahead.by_setup.shapes, np.zeros(len(ahead.of.causes))
     first = int(np.argmax(ahead.of.turning))

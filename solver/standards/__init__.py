@@ -1,5 +1,5 @@
 """Figures of the standards: ISO 230-2 and 230-6, and straightness.
 
-In: plain arrays. Out: figures with the names of the standards. Imported by every room above;
-imports none.
+Input: arrays. Output: figures under the names of the standards. Every other package of the solver
+may import this package, which imports none of them.
 """

@@ -1,8 +1,8 @@
 """Figures of positioning tests: ISO 230-2, ISO 230-6, ASME B5.54 and VDI/DGQ 3441.
 
 None of these standards is public: the formulae come from general knowledge and agree with published
-readings (theory.md 8.1-8.5). Every result states this in ``source_status``, printed beside every
-figure.
+readings (theory.md 8.1-8.5). Every result states this in ``source_status``, which is printed beside
+every figure.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,14 +24,14 @@ MIN_RUNS = 5
 MIN_TARGETS = 5
 LONG_AXIS_MM = 2000.0
 LONG_AXIS_INTERVAL_MM = 250.0
-"""Plan of ISO 230-2: at least five runs, and five targets a metre; on axes above 2 m at most 250 mm
-between targets.
+"""Requirements of ISO 230-2 for a test: at least five runs and five targets a metre; on axes above
+2 m at most 250 mm between targets.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """Widening of a scatter by a standard: ``k`` standard deviations on each side."""
+    """The rule of a standard for widening a scatter: ``k`` standard deviations on each side."""
 
     standard: str
     k: float
@@ -47,15 +47,16 @@ COVERAGES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositioningRuns:
-    """Deviations actual - target in um: ``up_um`` and ``down_um`` (targets, runs); no ``down_um`` =
-    one direction only."""
+    """Deviations (actual minus target) in um, ``up_um`` and ``down_um`` (targets, runs); without
+    ``down_um`` only one direction was measured.
+    """
 
     target_mm: Vector
     up_um: Vector
     down_um: Vector | None = None
 
     def __post_init__(self) -> None:
-        """Refuse incomplete tables."""
+        """Raise DataError if a table of deviations is incomplete."""
         for name, table in (("up_um", self.up_um), ("down_um", self.down_um)):
             if table is not None and (
                 table.ndim != 2 or len(table) != len(self.target_mm) or table.shape[1] < 1
@@ -100,7 +101,7 @@ class PositioningFigures:
     findings: tuple[Finding, ...] = ()
 
     def numbers(self) -> dict[str, float]:
-        """Return the figures of the runs, by their symbols."""
+        """Return the figures that the runs give, by symbol."""
         named = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in named.items() if isinstance(value, float)}
 
@@ -111,7 +112,7 @@ def positioning_figures(
     """Return the figures of an axis by the standard named in ``COVERAGES`` (theory.md 8.1; B5.54:
     8.5).
 
-    ``R_i = max(k s_up + k s_down + |B_i|, 2 k s_up, 2 k s_down)``: the linear sum, not the root of
+    ``R_i = max(k s_up + k s_down + |B_i|, 2 k s_up, 2 k s_down)``: a linear sum, not the root of
     squares.
     """
     coverage = COVERAGES[standard]
@@ -144,8 +145,8 @@ def positioning_figures(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagonalFigures:
-    """ISO 230-6: the figures of each diagonal and of the machine: the largest of each over the
-    diagonals.
+    """The figures of ISO 230-6 for each diagonal and for the machine: a figure of the machine is
+    the largest over its diagonals.
     """
 
     standard: str
@@ -158,8 +159,9 @@ class DiagonalFigures:
 
 
 def diagonal_figures(runs: Mapping[str, PositioningRuns]) -> DiagonalFigures:
-    """Return the figures of displacement tests along diagonals (theory.md 8.3), targets counted
-    along the diagonal."""
+    """Return the figures of displacement tests along diagonals (theory.md 8.3), with targets as
+    distances along the diagonal.
+    """
     each = {name: positioning_figures(table) for name, table in runs.items()}
     return DiagonalFigures(
         standard="ISO 230-6:2002",
@@ -174,8 +176,9 @@ def diagonal_figures(runs: Mapping[str, PositioningRuns]) -> DiagonalFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VdiFigures:
-    """VDI/DGQ 3441 in um: position uncertainty P, position deviation Pa, reversal U, position
-    scatter Ps."""
+    """The figures of VDI/DGQ 3441 in um: position uncertainty P, position deviation Pa, reversal U,
+    position scatter Ps.
+    """
 
     standard: str
     source_status: str
@@ -218,11 +221,12 @@ def arrange_runs(
     *,
     common_zero: bool,
 ) -> tuple[PositioningRuns, tuple[Finding, ...]]:
-    """Return the rows of a run as a table of targets by runs, and the reasons for rows left out.
+    """Return the passes of a setup as a table of deviations by target and run, and the reasons for
+    omitted passes.
 
-    Odd passes are outward (up), even ones return (down). Readings that restart at zero with every
-    pass (``common_zero=False``, as in the readings file) have lost the reversal value: then only
-    the outward runs are used.
+    Odd passes are outward (up), even passes return (down). If the readings restart at zero in every
+    pass (``common_zero=False``), they contain no reversal value, and only the outward passes are
+    used.
     """
     targets, row = np.unique(np.asarray(target_mm, dtype=np.float64), return_inverse=True)
     passes = np.asarray(pass_number, dtype=np.int64)
@@ -244,7 +248,7 @@ def _pass_columns(
     deviation: Vector,
     parity: int,
 ) -> Vector:
-    """Return the passes of a direction as columns; a stop missing in a pass stays NaN."""
+    """Return a table with one column for each pass of a direction; a missing stop is NaN."""
     numbers = np.unique(passes[passes % 2 == parity])
     table = np.full((targets, len(numbers)), np.nan)
     for column, number in enumerate(numbers):
@@ -253,8 +257,7 @@ def _pass_columns(
 
 
 def _scatter(table: Vector | None) -> Vector | None:
-    """Return the experimental standard deviation at every target, or None for fewer than two
-    runs."""
+    """Return the experimental standard deviation at every target, None for fewer than two runs."""
     if table is None or table.shape[1] < 2:
         return None
     scatter: Vector = table.std(axis=1, ddof=1)
@@ -275,8 +278,8 @@ def _bidirectional_repeatability(
 
 
 def _accuracy(k: float, *directions: tuple[Vector | None, Vector | None]) -> float | None:
-    """Return the range from the lowest ``mean - k s`` to the highest ``mean + k s`` over the given
-    directions.
+    """Return the range from the lowest ``mean - k s`` to the highest ``mean + k s`` over targets
+    and directions.
     """
     tops, bottoms = [], []
     for mean, s in directions:
@@ -288,15 +291,15 @@ def _accuracy(k: float, *directions: tuple[Vector | None, Vector | None]) -> flo
 
 
 def _largest(values: Sequence[float | None]) -> float | None:
-    """Return the largest, or None where a diagonal lacks the figure: a maximum over some diagonals
-    is not the machine's.
+    """Return the largest value of a figure over the diagonals, None if a diagonal lacks the figure:
+    a maximum over some diagonals is not a figure of the machine.
     """
     known = [value for value in values if value is not None]
     return max(known) if known and len(known) == len(values) else None
 
 
 def _plan_findings(runs: PositioningRuns) -> tuple[Finding, ...]:
-    """Report a plan of the test that is thinner than ISO 230-2 requires."""
+    """Return the finding about a test with fewer runs or targets than ISO 230-2 requires."""
     span_mm = float(np.ptp(runs.target_mm))
     found = []
     if span_mm > LONG_AXIS_MM:

@@ -1,10 +1,10 @@
 """The measurement uncertainty of positioning figures, from the sources of ISO/TR 230-9.
 
-The report is not public: the effect of each source on each figure is derived here (theory.md 8.7),
-and every result states this. Errors that grow with length (laser, alignment, temperature) stretch
-all runs equally: E, M and A contain them, and they cancel in B and R. Errors that change from run
+The report is not public: the effect of each source on each figure is derived in theory.md 8.7, and
+every result states this. Errors that grow with length (laser, alignment, temperature) stretch all
+runs equally: such errors are part of E, M and A and cancel in B and R. Errors that change from run
 to run (environment, noise of the reading) are averaged over the runs in E, M and B; R and A also
-carry the uncertainty of a scatter from few runs.
+have the uncertainty of a scatter computed from few runs.
 """
 
 from collections.abc import Mapping
@@ -19,8 +19,9 @@ SOURCE_STATUS = "sources of ISO/TR 230-9, combined by derivation; k = 2"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSources:
-    """Standard uncertainties of one setup: ``relative`` of every length (wavelength, air,
-    expansion, cosine), ``reading_um`` of one reading, ``environment_um`` of the drift within a run.
+    """Standard uncertainties in the runs of a setup: ``relative`` for every length (from
+    wavelength, air, expansion, cosine), ``reading_um`` for one reading, ``environment_um`` for the
+    drift within a run.
     """
 
     relative: float
@@ -38,15 +39,15 @@ def expanded_um(
     """Return U (k = 2) in um of each figure of ``solver.iso230.PositioningFigures.numbers`` over a
     length.
 
-    ``runs`` are the numbers upward and downward: a repeated pass adds a run. B is the largest of
-    the reversal values at ``targets`` targets: noise alone raises it, by up to sqrt(2 ln targets)
-    standard uncertainties of a single value (the bound of the expected maximum of normal
-    variables), which counts as a rectangular limit.
+    ``runs`` are the numbers of upward and of downward runs: a repeated pass adds a run. B is the
+    largest of the reversal values at ``targets`` targets: noise alone increases B by up to sqrt(2
+    ln targets) standard uncertainties of a single value (the bound of the expected maximum of
+    normal variables), which counts as a rectangular limit.
     """
     stretch = sources.relative * length_mm * 1e3
     single = float(np.hypot(sources.reading_um, sources.environment_um))
     mean = single / np.sqrt(min(runs))
-    # the scatter of few runs is itself known to one part in sqrt(2 (n - 1))
+    # the relative uncertainty of a scatter from n runs is 1 / sqrt(2 (n - 1))
     scatter = {
         name: figures[name] / np.sqrt(2.0 * (number - 1))
         for name, number in zip(("R_up", "R_down"), runs, strict=True)
@@ -59,7 +60,7 @@ def expanded_um(
     u["B_mean"] = np.sqrt(2.0) * mean
     u |= scatter
     if len(scatter) == 2:
-        # R = 2 s_up + 2 s_down + |B|: each direction has half of its own R
+        # R = 2 s_up + 2 s_down + |B| contains half of R_up (4 s_up) and half of R_down
         u["R"] = float(np.hypot(np.hypot(scatter["R_up"], scatter["R_down"]) / 2.0, u["B"]))
     widened = {"A_up": "R_up", "A_down": "R_down", "A": "R"}
     u |= {

@@ -17,8 +17,7 @@ LineMethod = Literal["end-point", "least-squares", "minimum-zone"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """A reference line ``offset_um + slope_urad * position``: um over mm is mrad, so the slope is
-    kept in urad."""
+    """A reference line with the offset in um and the slope in urad (1 um over 1 mm is 1 mrad)."""
 
     offset_um: float
     slope_urad: float
@@ -32,8 +31,9 @@ class Line:
 
 
 def end_point_line(position_mm: Vector, deviation_um: Vector) -> Line:
-    """Return the line through the deviations at the lowest and the highest position (means where
-    these repeat)."""
+    """Return the line through the deviations at the lowest and the highest position; at a repeated
+    position it passes through the mean.
+    """
     low, high = position_mm.min(), position_mm.max()
     at_low, at_high = (
         deviation_um[position_mm == low].mean(),
@@ -43,7 +43,7 @@ def end_point_line(position_mm: Vector, deviation_um: Vector) -> Line:
 
 
 def least_squares_line(position_mm: Vector, deviation_um: Vector) -> Line:
-    """Return the line of least squared deviations."""
+    """Return the least-squares line of the deviations."""
     centre = position_mm.mean()
     arm = position_mm - centre
     return _through(
@@ -52,9 +52,10 @@ def least_squares_line(position_mm: Vector, deviation_um: Vector) -> Line:
 
 
 def minimum_zone_line(position_mm: Vector, deviation_um: Vector) -> Line:
-    """Return the middle of the narrowest parallel strip that holds every deviation.
+    """Return the middle line of the narrowest strip that contains all deviations.
 
-    The strip lies against one edge of the convex hull, so testing the slope of every edge is exact.
+    The strip touches an edge of the convex hull, so the search among the slopes of all edges is
+    exact.
     """
     slopes_urad = _hull_slopes_urad(position_mm, deviation_um)
     heights = deviation_um - 1e-3 * slopes_urad[:, None] * position_mm
@@ -73,9 +74,9 @@ _METHODS: dict[LineMethod, Callable[[Vector, Vector], Line]] = {
 def reference_line(
     position_mm: ArrayLike, deviation_um: ArrayLike, method: LineMethod = "end-point"
 ) -> Line:
-    """Return the reference line by the method named; positions in any order, repeats allowed.
+    """Return the reference line by a method; the positions may have any order and may repeat.
 
-    Refused (DataError) where the positions do not span a line or a value is not a number.
+    Raises DataError if all positions are equal or a value is not a number.
     """
     position = np.asarray(position_mm, dtype=np.float64)
     deviation = np.asarray(deviation_um, dtype=np.float64)

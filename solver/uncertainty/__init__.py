@@ -1,5 +1,6 @@
-"""The knowledge after the adjustment: variances with every cause, the machine as a vector with its
-modes, Monte Carlo.
+"""The uncertainty after the adjustment: variances from all causes, the machine's errors as a vector
+with modes, Monte Carlo.
 
-In: a fit with its causes. Out: covariances, budget and posterior. Imported by planning and methods.
+Input: a fit with its causes. Output: covariances, budget and posterior. The packages planning and
+methods import this package.
 """

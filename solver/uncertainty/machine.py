@@ -1,8 +1,8 @@
-"""The whole machine as a vector with its covariance: functions with slopes, squarenesses, angles;
-and its modes.
+"""The errors of the whole machine as a vector (functions with slopes, squarenesses, angles), with
+the covariance and the modes of this vector.
 
-Errors that the readings do not identify have the usual size of the machine's class here: the result
-leaves them out, but a statement about the volume must not assume zero.
+In this vector, errors that the readings do not identify have the usual size of the machine's class.
+The result leaves such errors out, but a statement about the volume must not assume zero for them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,26 +35,26 @@ from stepdiag.solver.uncertainty.modes import BySize, by_size, factored, of_one_
 from stepdiag.solver.uncertainty.spread import Spread
 
 MOST_POSITIONS = 20
-"""Largest number of increments at which modes are written: functions of finer surveys are not
-smoother.
+"""Largest number of increments between the nodes of the modes: the functions of finer surveys are
+not smoother.
 """
 MOST_MODES = 40
 NEXT_TO_NOTHING = 1e-6
-"""Smallest usual size as a share of the largest: beside a size of zero, all others would count as
-rounding (`HIDDEN`).
+"""Smallest usual size, as a share of the largest usual size: if a size were zero, all other sizes
+would count as rounding (`HIDDEN`).
 """
 HIDDEN = 1e-9
-"""Smallest share of the largest effect that counts as an effect on the usual sizes."""
+"""Smallest effect on the usual sizes, as a share of the largest effect, that is not rounding."""
 FINEST_UM = 0.01
-"""Smallest uncertainty of the readings beside the usual sizes, which are thousands of times larger:
-otherwise no sum of both is exact.
+"""Smallest uncertainty of the readings in um in a fit with usual sizes, which are thousands of
+times larger: with a smaller uncertainty the sums of both would not be exact.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Machine:
-    """Values of the machine's functions and squarenesses: ``names`` and ``node`` of each, their
-    composition, all in the same order.
+    """The values of the machine's functions and squarenesses: ``names`` and ``node`` of each value,
+    and its composition from unknowns and causes, all in the same order.
     """
 
     names: tuple[str, ...]
@@ -70,10 +70,11 @@ def machine_of(
     causes: int,
     products: Mapping[int, float] | None = None,
 ) -> Machine:
-    """Return the machine's values at the nodes of the modes; unknown angles begin at
-    ``first_cause`` of all ``causes``.
+    """Return the machine's values at the nodes of the modes; the causes of unknown angles begin at
+    ``first_cause`` among all ``causes``.
 
-    ``products``: by cause, the size of its unit, for `PRODUCTS` in their order.
+    ``products`` contains, by cause, the size of the cause's unit, for `PRODUCTS` in the order of
+    their names.
     """
     found = reported(design)
     nodes = mode_nodes(design.volume)
@@ -127,7 +128,7 @@ def machine_of(
 
 
 def mode_nodes(volume: Volume) -> NDArray[np.int64]:
-    """Return the nodes at which modes are written, from 0 to n."""
+    """Return the numbers (0 to n) of the nodes at which the modes have values."""
     return np.unique(
         np.round(
             np.linspace(0, volume.increments, min(volume.increments, MOST_POSITIONS) + 1)
@@ -139,7 +140,7 @@ def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
     """Return the usual sizes of errors of a machine's class, by name: functions in um, squareness
     in urad, scales in um/m."""
     usual = dict.fromkeys(DISPLACEMENTS, assumed.shape_um)
-    # an axis that was not measured also grew during the warm-up
+    # the scale of an unmeasured axis also contains its growth during the warm-up
     usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad)
     usual |= dict.fromkeys(
         AXIS_LETTERS, float(np.hypot(assumed.scale_um_m, assumed.growth_um_m))
@@ -151,7 +152,7 @@ def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
 def usual_names(
     found: Quantities, known: Mapping[str, bool], assumed: Assumptions
 ) -> tuple[str, ...]:
-    """Return the name of each of the `usual_rows`."""
+    """Return the name of the error in each row of `usual_rows`."""
     return tuple(
         name
         for name in usual_sizes_of(assumed)
@@ -163,8 +164,8 @@ def usual_names(
 def usual_rows(
     found: Quantities, known: Mapping[str, bool], assumed: Assumptions
 ) -> tuple[Rows, Vector]:
-    """Return rows that hold errors that are not ``known`` near zero within their usual size, and
-    the standard uncertainties of the rows.
+    """Return one row for each value of an error that is not ``known``, with the target zero, and
+    the standard uncertainty of each row: the usual size of the error.
     """
     usual = usual_sizes_of(assumed)
     kept = [row for name in usual if not known.get(name, True) for row in found.of(name)]
@@ -173,7 +174,7 @@ def usual_rows(
 
 
 def with_usual(mixed: MixedFit, design: Design, rows: Rows, u: Vector) -> MixedFit:
-    """Return the fit with further rows whose target is zero."""
+    """Return the fit with the usual rows added (target zero)."""
     fixed = mixed.fixed
     seen = replace(fixed, weight=np.minimum(fixed.weight, 1.0 / FINEST_UM**2))
     return with_rows(replace(mixed, fixed=seen), design, rows, u, np.zeros((len(rows), 0)))
@@ -187,9 +188,11 @@ def with_rows(
     pattern: Vector,
     like: Inverse | None = None,
 ) -> MixedFit:
-    """Return the fit with further rows whose target is zero, and the effect of further causes on
-    them: ``pattern`` (rows, k), each of size one. ``like`` is an inverse that determines all of
-    these rows, if they add nothing to what the readings determine.
+    """Return the fit with further rows (target zero) and further causes of size one, whose effect
+    on these rows is ``pattern`` (rows, k).
+
+    ``like`` is the inverse of a fit whose readings already determine each of the further rows, if
+    there is one.
     """
     fixed, before = mixed.fixed, mixed.causes.pattern
     again = fit(
@@ -224,12 +227,12 @@ def covariance(spread: Spread, machine: Machine) -> Vector:
 def separated(
     machine: Machine, inverse: Inverse, rows: Rows, u: Vector
 ) -> tuple[Machine, Vector]:
-    """Return the machine's values as known from the readings, and the covariance (k, k) of the part
-    known only from the usual ``rows``.
+    """Return the part of the machine's values that the readings determine, and the covariance (k,
+    k) of the part that only the usual ``rows`` limit.
 
-    Parts that the readings do not determine have the most likely usual values, given the determined
-    parts. No difference of large numbers is used, as with covariances with and without the usual
-    rows, which each processor rounds differently.
+    An undetermined part has the value that is most likely by the usual sizes, given the determined
+    part. The difference of covariances with and without the usual rows would give the same, but
+    processors round such differences of large numbers differently.
     """
     hidden = np.linalg.pinv(rows.times(inverse.null) / u[:, None], rcond=HIDDEN)
     moved = machine.combination.times(inverse.null) @ hidden
@@ -249,12 +252,12 @@ def posterior_of(
     of_unknown_size: str,
     unmeasured: Vector,
 ) -> Posterior:
-    """Return the possible differences between the machine and the report, in modes; ``offset`` (k,)
-    is their expected value.
+    """Return the possible differences between the machine and the reported errors, in modes;
+    ``offset`` (k,) is the expected difference.
 
-    The causes of the group ``of_unknown_size`` have modes of their own, because their size is
-    unknown too. ``unmeasured`` is the covariance (k, k) of the undetermined parts (`separated`):
-    their ratio to the usual size is unknown.
+    The causes of the group ``of_unknown_size`` have separate modes, because the size of the group
+    is unknown. ``unmeasured`` is the covariance (k, k) of the undetermined part (`separated`),
+    whose ratio to the usual size is unknown.
     """
     fields = fields_um(machine, volume, chain)
     found = covariance(spread, machine)
@@ -302,7 +305,7 @@ def posterior_of(
 
 def _is_nonzero(values: Vector) -> bool:
     """Return whether any value exceeds rounding: rounding differs between processors, and every
-    kept name consumes random numbers.
+    name with a value consumes random numbers.
     """
     return bool(np.any(np.round(values, POSTERIOR_DECIMALS)))
 
@@ -310,7 +313,7 @@ def _is_nonzero(values: Vector) -> bool:
 def _by_name(
     machine: Machine, names: Sequence[str], volume: Volume, values: Vector
 ) -> list[tuple[str, Vector]]:
-    """Return rows of values (r, k) by name at the nodes of the modes."""
+    """Return the rows of values (r, k) at the nodes of the modes, by the name of the function."""
     found, name_of = [], np.array(machine.names)
     for name in names:
         mine = np.flatnonzero(name_of == name)
@@ -319,8 +322,8 @@ def _by_name(
 
 
 def _node_rows(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -> Vector:
-    """Return rows of values (r, k) of a function at all nodes of the modes, with the zeros that its
-    definition sets; for a squareness the rows (r, 1) unchanged.
+    """Return the rows of values (r, k) of a function at all nodes of the modes, with zeros where
+    the function is zero by definition; the rows (r, 1) of a squareness are unchanged.
     """
     if name[0] != "E":
         return values
@@ -331,9 +334,9 @@ def _node_rows(name: str, node: NDArray[np.int64], volume: Volume, values: Vecto
 
 
 def over_volume(found: Vector, fields_um: Vector) -> tuple[float, float]:
-    """Return the root mean square of the error vector over the volume by a covariance of the
-    machine's values, and the equivalent number of equal independent parts; ``fields_um`` (k, 3
-    points) as in `free_fields_um`.
+    """Return the root mean square of the error vector over the volume, from the covariance of the
+    machine's values, and the number of equal independent parts with the same scatter. ``fields_um``
+    (k, 3 points) are as from `free_fields_um`.
     """
     across = found @ (fields_um @ fields_um.T)
     square = max(float(np.trace(across)), 1e-30)
@@ -343,20 +346,20 @@ def over_volume(found: Vector, fields_um: Vector) -> tuple[float, float]:
 
 
 def free_fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
-    """Return the effect of a unit of each value on the error over the volume, rigid motion removed,
-    shape (k, 3 points).
+    """Return the effect of a unit of each machine value on the error over the volume, without rigid
+    motion, shape (k, 3 points).
     """
     return _free_fields_um(machine.names, tuple(machine.node.tolist()), volume, chain)
 
 
 def fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
-    """Return the effect of a unit of each value on the error over the volume, shape (k, 3
+    """Return the effect of a unit of each machine value on the error over the volume, shape (k, 3
     points).
     """
     return _fields_um(machine.names, tuple(machine.node.tolist()), volume, chain)
 
 
-# every solve needs these twice, and the next solve of the same volume the same again
+# a solve needs these fields twice, and the next solve of the same volume needs them again
 @lru_cache(maxsize=4)
 def _free_fields_um(
     names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str

@@ -1,5 +1,5 @@
-"""A covariance in few modes: the most important over the volume, and a rest of independent
-values.
+"""A covariance as a few modes, the most important over the volume, and independent values for the
+remainder.
 """
 
 from dataclasses import dataclass
@@ -12,18 +12,22 @@ from stepdiag.solver.linear.families import Family, class_factors
 from stepdiag.solver.linear.ties import first_of_the_largest
 
 KEPT_SHARE = 0.995
-"""Share of the variance over the volume at which no further mode is written."""
+"""Share of the variance over the volume that the modes must contain; then no further mode
+is added.
+"""
 UNSEEN = 1e-3
-"""Largest change of a direction's variance between any two likely sizes, as a share, at which the
-direction counts as undetermined; all such directions are treated alike.
+"""Largest share that the readings take from the variance of a direction, at any likely size, if the
+direction counts as undetermined. All undetermined directions form one group.
 """
 ROUNDING = 1e-9
-"""Share of the largest below which a value is rounding: no choice may depend on it."""
+"""Share of the largest value below which a value is rounding, on which no choice may depend."""
 
 
 @dataclass(frozen=True, eq=False)
 class BySize:
-    """Modes (k, modes) of causes of unknown size, their factors at each size, and the rest (k,)."""
+    """Modes (k, modes) of causes of unknown size, the factors of the modes at each size, and the
+    standard deviations (k,) outside the modes.
+    """
 
     modes: Vector
     sized: UnknownSize
@@ -31,11 +35,11 @@ class BySize:
 
     @classmethod
     def nothing(cls, count: int) -> "BySize":
-        """Return no modes of ``count`` values."""
+        """Return an empty set of modes for ``count`` values."""
         return cls(np.zeros((count, 0)), UnknownSize.nothing(), np.zeros(count))
 
     def beside(self, other: "BySize") -> "BySize":
-        """Return the modes of both, each with its own size."""
+        """Return the modes of both sets, each set with its own size."""
         first, second = self.sized, other.sized
         sizes = max(len(first.scale), len(second.scale))
         sized = UnknownSize(
@@ -47,20 +51,22 @@ class BySize:
 
 
 def _size_columns(sizes: int, first: Vector, second: Vector) -> Vector:
-    """Return two tables (sizes or 1, modes) beside each other, each with a row for every size."""
+    """Return one table of two tables (sizes or 1, modes) side by side, with a row for every
+    size.
+    """
     return np.hstack(
         [np.broadcast_to(part, (sizes, part.shape[1])) for part in (first, second)]
     )
 
 
 def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
-    """Return columns whose products make a covariance (k, k), and the standard deviations (k,) of
-    the rest.
+    """Return columns whose products approximate a covariance (k, k), and the standard deviations
+    (k,) outside the columns.
 
-    ``fields`` (k, values) is the effect of a unit of each of the k over the volume. Each column
-    belongs to the value of the field that is least known after the earlier columns; of equal values
-    the first is used, so that rounding does not decide. The rest keeps its mean square over the
-    volume.
+    ``fields`` (k, values) is the effect of a unit of each of the k values over the volume. Each
+    column belongs to the value of the field with the largest variance outside the earlier columns;
+    among equal values the first is used, so that rounding does not decide. The part outside the
+    columns keeps its mean square over the volume.
     """
     return _factored(np.diag(found), found @ fields, fields, most)
 
@@ -68,8 +74,8 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
 def _factored(
     variance: Vector, across: Vector, fields: Vector, most: int
 ) -> tuple[Vector, Vector]:
-    """Return the result of `factored` for a covariance with the diagonal ``variance`` (k,), of
-    which ``across`` (k, values) is the product with ``fields``.
+    """Return the result of `factored` for a covariance with the diagonal ``variance`` (k,) and the
+    product ``across`` (k, values) with ``fields``.
     """
     alone = variance.copy()
     open_um2 = np.sum(across * fields, axis=0)
@@ -91,10 +97,11 @@ def _factored(
 
 
 def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> Vector:
-    """Return standard deviations of independent values, reduced by a common factor that gives their
-    mean square over the volume.
+    """Return standard deviations of independent values, reduced by a common factor so that the
+    values have the mean square ``over_volume``.
 
-    Zero where the rest of the ``total`` is rounding, and for values without effect in the volume.
+    They are zero if ``over_volume`` is rounding of the ``total``, and for values without effect in
+    the volume.
     """
     moving = np.sum(fields**2, axis=1)
     has_effect = moving > ROUNDING * np.max(moving)
@@ -107,8 +114,8 @@ def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> V
 
 
 def of_one_factor(found: Vector, fields: Vector, most: int) -> BySize:
-    """Return the modes of a covariance (k, k) with a known usual size only: all are multiplied by
-    one of `class_factors`.
+    """Return the modes of a covariance (k, k) of which only the usual size is known: one factor of
+    `class_factors` multiplies all modes.
     """
     columns, left = factored(found, fields, most)
     factor = class_factors()
@@ -119,13 +126,13 @@ def of_one_factor(found: Vector, fields: Vector, most: int) -> BySize:
 
 
 def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> BySize:
-    """Return the directions (k, q) of a family as modes, each with the size of its root mean square
+    """Return the directions (k, q) of a family as modes; the size of a mode is its root mean square
     over all likely sizes.
 
     Directions that the readings determine equally well, within a factor of two, are joined and
-    factored like any covariance: the choice of an eigenvalue decomposition between equal directions
-    depends on rounding. Each group of joined directions has one further mode: the change of its
-    most likely amounts with the size of the causes.
+    factored together, because an eigenvalue decomposition chooses among equal directions by
+    rounding. Each group of joined directions has one further mode: the change of its most likely
+    amounts with the size of the causes.
     """
     unseen = family.seen * np.max(family.factor) ** 2 < UNSEEN
     octave = np.floor(np.log2(np.where(unseen, 1.0, family.seen)))

@@ -1,8 +1,8 @@
-"""Monte Carlo in addition to the law of propagation (JCGM 101): surveys are drawn, with noise and
-causes, and pass through the estimator.
+"""Monte Carlo check of the law of propagation (JCGM 101): random surveys with noise and causes pass
+through the estimator.
 
-Causes are drawn with sizes that are themselves drawn by their uncertainty from the readings; the
-estimator keeps the estimated sizes.
+The sizes of the causes are drawn, too, with the uncertainty that the readings leave; the estimator
+uses the estimated sizes.
 """
 
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.uncertainty.spread import Spread
 
 _NUMBERS = 2_000_000
-"""Numbers drawn at a time: some tens of megabytes."""
+"""Quantity of random numbers drawn at a time: some tens of megabytes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,10 +31,10 @@ class Intervals:
 def monte_carlo(
     spread: Spread, asked: Rows, *, trials: int, seed: int = 0, probability: float = 0.95
 ) -> Intervals:
-    """Return the intervals of combinations of the unknowns. The same seed gives the same intervals.
+    """Return the intervals of some combinations of the unknowns. Equal seeds give equal intervals.
 
-    At least 10^4 / (1 - p) ``trials`` for a coverage probability p (JCGM 101, 7.2.2): 200 000 for
-    0.95.
+    JCGM 101, 7.2.2 requires at least 10^4 / (1 - p) ``trials`` for a coverage probability p: 200
+    000 for 0.95.
     """
     noise = _noise_operator(spread, asked)
     causes = _cause_operator(spread, asked)
@@ -55,8 +55,9 @@ def monte_carlo(
 
 
 def _noise_operator(spread: Spread, asked: Rows) -> Vector:
-    """Return the effect of one standard deviation of each row's noise, shape (rows, quantities),
-    folded if there are more rows.
+    """Return the effect of one standard deviation of each row's noise on the quantities, shape
+    (rows, quantities). If there are more rows than quantities, the rows are folded into as many as
+    there are quantities.
     """
     fit = spread.fit
     wanted = fit.inverse.solve(asked.dense().T)
@@ -65,14 +66,14 @@ def _noise_operator(spread: Spread, asked: Rows) -> Vector:
     gain = direct + fit.causes.left @ amounts
     kept = fit.weight > 0
     scaled = gain[kept] / np.sqrt(fit.weight[kept])[:, None]
-    # rows of the same covariance: R of the QR has as many as there are quantities
+    # R of the QR decomposition has the same covariance in as many rows as there are quantities
     folded: Vector = np.linalg.qr(scaled).R if len(scaled) > scaled.shape[1] else scaled
     return folded
 
 
 def _cause_operator(spread: Spread, asked: Rows) -> Vector:
-    """Return the residue of a unit of each cause in the estimate, shape (causes, quantities): the
-    part that the estimate misses.
+    """Return the error of the estimated quantities by a unit of each cause, shape (causes,
+    quantities): the part of the cause's effect that the estimate does not remove.
     """
     left = spread.fit.amount_covariance @ spread.fit.causes.seen - np.eye(len(spread.group))
     operator: Vector = (spread.moved(asked) @ left).T
@@ -80,8 +81,8 @@ def _cause_operator(spread: Spread, asked: Rows) -> Vector:
 
 
 def shortest_interval(samples: Vector, probability: float) -> tuple[Vector, Vector]:
-    """Return the ends of the shortest interval with the share ``probability`` of each row's samples
-    (JCGM 101, 7.7).
+    """Return, for each row of samples, the ends of the shortest interval that contains the share
+    ``probability`` of the samples (JCGM 101, 7.7).
 
     Only the tails are sorted: the interval begins among the lowest and ends among the highest ``1 -
     probability``.

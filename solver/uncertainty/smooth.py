@@ -1,29 +1,30 @@
-"""Theory of operation: the nine displacement functions are smooth random effects.
+"""Smoothness of the nine displacement functions, which are modelled as smooth random effects.
 
 A guideway bends from target to target, and the noise of readings does not. The shape of a function,
 without its end-point line, is a sum of half waves over the travel,
 
     shape(i) = sum over k of a_k sin(pi k i / n),    a_k ~ normal(0, power_k),    k = 1 .. n - 1,
 
-whose powers fall with k. The adjustment without this knowledge estimates each a_k with a variance
-v_k, so that a_k^2 - v_k estimates power_k. The powers of a function are the falling sequence that
-is nearest to these estimates (pool adjacent violators). The square mean of m estimates scatters by
-sqrt(2 / m) of itself; so much is added to a pool, because a power of zero would state that a
-function is straight where the readings only do not show that it bends. A step of a guideway or the
-waves of a screw give their function large powers up to its shortest wave, and its values stay. No
-function lends its powers to another.
+whose powers (the variances of the a_k) fall with k. The adjustment without this knowledge estimates
+each a_k with a variance v_k, so that a_k^2 - v_k estimates power_k. The powers of a function are
+the falling sequence that is nearest to these estimates (pool adjacent violators). The mean of m
+squared estimates scatters by sqrt(2 / m) of its value; this scatter is added to the power of a
+pool, because a power of zero would state that the function is straight if the readings merely show
+no bend. The step of a guideway or the waves of a screw give a function large powers up to the
+shortest wave, so the function keeps its values. Each function has its own powers.
 
-A cause of many readings (angles, drift) bends several functions at once. Each of their powers would
-count as evidence about the one cause, so `OF_CAUSES` times its variance is added to each: the
-smoothness of functions is evidence about noise, not about causes.
+A cause that changes many readings (angles, drift) bends several functions at once. Each of the
+functions' powers would count as evidence about this cause, so `OF_CAUSES` times the cause's
+variance is added to each power: the smoothness of functions is evidence about noise, not about
+causes.
 
-The shorter half of the waves also shows the noise itself. Where their squares are smaller than
-their variances, the readings are better than their uncertainty states, and the powers count by so
-much more: readings without noise are not smoothed.
+The shorter half of the waves also shows the real noise. If the squares of their amounts are smaller
+than the variances, the readings are better than their stated uncertainty, and the powers increase
+by this ratio: readings without noise are not smoothed.
 
 The powers enter the adjustment as rows: each value of a shape is zero within the power of the
-shortest wave, beside causes for what longer waves have more. The readings alone decide which
-functions are identified: the others have no such rows.
+shortest wave, and causes add the larger power of the longer waves. Only functions that the readings
+identify have such rows.
 """
 
 from collections.abc import Sequence
@@ -46,19 +47,20 @@ from stepdiag.solver.uncertainty.machine import with_rows
 from stepdiag.solver.uncertainty.spread import Spread
 
 BENDS = "bends"
-"""Name of the causes: the longer half waves of all functions."""
+"""Name of the group of causes that are the longer half waves of all functions."""
 FEWEST = 4
-"""Number of half waves from which powers can fall."""
+"""Smallest number of half waves of a function that is smoothed."""
 LEAST_SHARE = 1e-9
-"""Share of noise that is rounding."""
+"""Smallest share of the stated variances that the waves can show: less is rounding."""
 OF_CAUSES = 10.0
-"""Nine functions with such a share of a cause's variance in their powers take less than half of it
-from the cause."""
+"""Multiple of a cause's variance that is added to the powers: with it, nine functions together take
+less than half of the effect from the cause.
+"""
 
 
 def smoothed(spread: Spread, design: Design, quantities: Quantities) -> Spread:
-    """Return the covariances of a survey with the shapes of its identified displacement functions
-    as smooth random effects; unchanged for fewer than `FEWEST` half waves.
+    """Return the covariances of a survey with the shapes of the identified displacement functions
+    as smooth random effects; unchanged if these have fewer than `FEWEST` half waves.
     """
     nodes = design.columns.nodes
     number = np.arange(1, nodes)
@@ -94,8 +96,8 @@ def smoothed(spread: Spread, design: Design, quantities: Quantities) -> Spread:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """The amounts of the half waves in a function, shape (waves,), and their variances by noise and
-    by causes.
+    """The amounts of the half waves in a function, shape (waves,), and the variances of the amounts
+    by noise and by causes.
     """
 
     amount: Vector
@@ -115,7 +117,7 @@ class _Shape:
 
     @property
     def variance(self) -> Vector:
-        """Return the variance of each amount."""
+        """Return the variance of each half wave's amount."""
         return self.of_noise + self.of_causes
 
     def powers_um2(self) -> Vector:
@@ -126,8 +128,8 @@ class _Shape:
 
 
 def noise_share(shapes: Sequence[_Shape]) -> float:
-    """Return the share of the stated variances that the shorter half of all half waves shows, at
-    most 1.
+    """Return the ratio (at most 1) of the squared amounts to the stated variances, for the shorter
+    half of the half waves of all functions.
     """
     short = len(shapes[0].amount) // 2
     shown = sum(float(np.sum(each.amount[short:] ** 2)) for each in shapes)
@@ -136,8 +138,8 @@ def noise_share(shapes: Sequence[_Shape]) -> float:
 
 
 def falling_power(amount: Vector, variance: Vector) -> Vector:
-    """Return the powers of half waves, which fall, by their estimated amounts and the variances of
-    these, shapes (waves,).
+    """Return the falling powers of half waves from the estimated amounts and the variances of these
+    amounts, shapes (waves,).
     """
     shown = amount**2 - variance
     pool = falling_pools(shown)
@@ -148,7 +150,7 @@ def falling_power(amount: Vector, variance: Vector) -> Vector:
 
 
 def _diagonal(blocks: Sequence[Vector]) -> Vector:
-    """Return a matrix with the blocks on its diagonal and zeros beside them."""
+    """Return a block diagonal matrix of the blocks."""
     height, width = (sum(each.shape[side] for each in blocks) for side in (0, 1))
     matrix = np.zeros((height, width))
     left = accumulate((each.shape[1] for each in blocks), initial=0)

@@ -1,10 +1,10 @@
-"""The knowledge of unknowns and amounts after the adjustment: variances of any combination, from
-the readings alone and from all causes.
+"""The uncertainty of unknowns and amounts of causes after the adjustment: variances of any
+combination, from the readings alone and from all causes.
 
 ``combination @ unknowns + on_causes @ amount`` has the variance ``K C K' + T M T'`` with ``T =
 on_causes - K taken``: C is the covariance of the unknowns for known causes, M the covariance of the
-amounts. M also includes the uncertainty of their sizes: it is summed over the sizes that remain
-likely by the readings and the prior (law of total variance; `solver.linear.families`).
+amounts. M also includes the uncertainty of the causes' sizes: it is summed over the sizes that
+remain likely by the readings and the prior (law of total variance; `solver.linear.families`).
 """
 
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.linear.rows import Rows
 
 _NONE = 1e-9
-"""A variance (um^2, urad^2) below this counts as zero."""
+"""Variance (um^2, urad^2) below which a variance counts as zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """A fit with its causes, the ``group`` (q,) of each and the names of the groups."""
+    """A fit with its causes, the ``group`` (q,) of each cause and the ``names`` of the groups."""
 
     fit: MixedFit
     group: NDArray[np.int64]
@@ -33,18 +33,18 @@ class Spread:
     sizes: Sizes
 
     def causes_of(self, *names: str) -> NDArray[np.bool_]:
-        """Return which causes belong to groups of these names, shape (q,)."""
+        """Return a mask, shape (q,), of the causes in the groups with the given names."""
         return np.array([name in names for name in self.names], dtype=np.bool_)[self.group]
 
     @cached_property
     def families(self) -> dict[int, Family]:
-        """Return the family of every group of unknown size, by its number."""
+        """Return the family of every group of unknown size, by the number of the group."""
         return families(self.fit, self.group, self.sizes)
 
     @cached_property
     def amount(self) -> Vector:
-        """Return the covariance of the amounts including the uncertainty of their sizes, shape (q,
-        q).
+        """Return the covariance of the causes' amounts, with the uncertainty of the sizes, shape
+        (q, q).
         """
         return sum(
             (family.surplus() for family in self.families.values()),
@@ -52,34 +52,38 @@ class Spread:
         )
 
     def moved(self, combination: Rows, on_causes: Vector | None = None) -> Vector:
-        """Return T, how the causes move combinations of the unknowns (rows) and of the amounts (k,
-        q), shape (k, q)."""
+        """Return T, the effect of the causes on combinations of the unknowns (rows) and of the
+        amounts (k, q), shape (k, q).
+        """
         taken: Vector = -combination.times(self.fit.causes.taken)
         return taken if on_causes is None else on_causes + taken
 
     def variance(self, moved: Vector) -> Vector:
-        """Return the variance caused by the causes, shape (k,)."""
+        """Return the variance that the causes add to each combination, shape (k,)."""
         found: Vector = np.maximum(np.sum((moved @ self.amount) * moved, axis=1), 0.0)
         return found
 
     def variance_by_readings(self, moved: Vector) -> Vector:
-        """Return the variance by the readings' noise through the amounts, shape (k,)."""
+        """Return the variance that the noise of the readings adds to each combination through the
+        amounts of the causes, shape (k,).
+        """
         by_shown = moved @ self.fit.amount_covariance
         found: Vector = np.sum((by_shown @ self.fit.causes.seen) * by_shown, axis=1)
         return np.maximum(found, 0.0)
 
     def shares(self, moved: Vector) -> dict[str, Vector]:
-        """Return the standard uncertainty of each group of causes by itself, shapes (k,); the rest
-        comes from their unknown sizes.
+        """Return the standard uncertainty by each group of causes, shapes (k,); a further share
+        comes from the unknown sizes of the causes.
 
-        If smaller sizes are likelier than the sizes found, all groups make less.
+        If sizes smaller than the estimated sizes are likelier, the shares of all groups are
+        reduced.
         """
         size = np.where(self.fit.size > 0, self.fit.size, np.inf)
         each = (moved @ (self.fit.amount_covariance / size)) ** 2
         beside = np.maximum(self.variance(moved) - self.variance_by_readings(moved), 0.0)
         known = np.sum(each, axis=1)
         less = np.sqrt(np.minimum(1.0, beside / np.where(known > 0, known, 1.0)))
-        # several steps may have been found, and each is a group of its own
+        # groups of the same name are added: each step in the readings is a group
         found = {
             name: less * np.sqrt(np.sum(each[:, self.causes_of(name)], axis=1))
             for name in dict.fromkeys(self.names)
@@ -92,8 +96,8 @@ SIZES_UNKNOWN = "sizes of these"
 
 
 def deviation(variance: Vector) -> Vector:
-    """Return the standard deviations of variances; rounding of a zero variance gives zero, on every
-    processor.
+    """Return the standard deviations from variances; rounding of a zero variance gives zero on
+    every processor.
     """
     found: Vector = np.sqrt(np.where(variance < _NONE, 0.0, variance))
     return found
