@@ -18,10 +18,11 @@ from stepdiag.base.findings import Severity, finding
 from stepdiag.base.messages import Message, Place, message
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.naming.route import agrees, route_of
-from stepdiag.daq.capture.naming.walk import FAULT, SURE, Chain, Look, Path
+from stepdiag.daq.capture.naming.walk import SURE, Chain, Look, Path
+from stepdiag.daq.capture.noise import FAULT, LAG_NS, MAJORITY, MOMENT_NS, STILL_MM
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
-from stepdiag.daq.capture.standing.window import EDGE_NS, MAJORITY, find_plateaus
+from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.capture.standing.window import EDGE_NS, find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Span, StreamBuffer
@@ -29,12 +30,6 @@ from stepdiag.daq.timing.stream import Span, StreamBuffer
 LOOK_NS = 200_000_000
 REACH_NS = 60_000_000_000
 """The span of time before now, in ns, in which a standstill is searched."""
-PAUSE_NS = 500_000_000
-"""Shortest time in ns between two standstills at the same level; plateaus closer in time are one
-standstill that was shaken.
-"""
-ENDING_NS = 1_000_000_000
-"""Time in ns after a lost count during which the stops before the loss are still captured."""
 LONG = 2.5
 """A standstill that lasts this number of dwells is captured before it ends, because the machine may
 stay at the last stop without limit.
@@ -112,7 +107,7 @@ class ByLaser:
             return dwells, outcomes
         self._looked_ns = now_ns
         if self._lost_ns is not None:
-            if now_ns - self._lost_ns > ENDING_NS and not self._over_with:
+            if now_ns - self._lost_ns > 2 * LAG_NS and not self._over_with:
                 self._over_with = True
                 outcomes.append(
                     Ended("aborted", message("count-lost-unplaced", setup=self.setup))
@@ -156,11 +151,7 @@ class ByLaser:
         if not len(span.time_ns):
             return []
         self._began_ns = min(self._began_ns, float(span.time_ns[0]))
-        found = (
-            _marked(span)
-            if self._marked
-            else _without_shakes(_plateaus(span, self._least_s), span)
-        )
+        found = _marked(span) if self._marked else _without_shakes(_plateaus(span), span)
         over = []
         for stand, following in zip(found, [*found, None][1:], strict=True):
             left = lost or following is not None or self._has_left(span, stand)
@@ -268,11 +259,11 @@ class ByLaser:
         )
 
 
-def _plateaus(span: Span, least_s: float) -> list[_Stand]:
+def _plateaus(span: Span) -> list[_Stand]:
     """Return the plateaus of a span; a shaken standstill appears as several plateaus."""
     return [
         _Stand(each.from_ns, each.to_ns, each.level_mm)
-        for each in find_plateaus(span.time_ns, span.position_mm, min(least_s, 0.2))
+        for each in find_plateaus(span.time_ns, span.position_mm, MOMENT_NS * 1e-9)
     ]
 
 
@@ -305,11 +296,7 @@ def _without_shakes(parts: list[_Stand], span: Span) -> list[_Stand]:
     found: list[_Stand] = []
     for part in parts:
         last = found[-1] if found else None
-        if (
-            last is not None
-            and part.from_ns - last.to_ns < PAUSE_NS
-            and _still_between(last, part, span)
-        ):
+        if last is not None and _still_between(last, part, span):
             found[-1] = _Stand(last.from_ns, part.to_ns, last.level_mm)
         else:
             found.append(part)

@@ -15,16 +15,13 @@ import msgspec
 
 from stepdiag.base.conditions.air import HALL
 from stepdiag.base.messages import Message, message
+from stepdiag.daq.capture.noise import LEAST_SAMPLES
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
 
-BELIEVED_STOPS = 5
-"""Number of consecutive stops that must agree on a jumped value before the program accepts it; the
-jump itself remains a doubt.
-"""
 STALE_NS = 60_000_000_000
 """Age in ns beyond which a sensor's value is no longer a present reading: the sensor is silent."""
 
@@ -66,9 +63,9 @@ UNITS_HPA: Mapping[str, float] = {
     "psi": 68.94757,
     "bar": 1000.0,
 }
-UNIT_NEAR, UNIT_FAR = 0.06, 0.2
-"""A pressure is in another unit if this unit brings it to the pressure of [environment], within the
-weather, and it is no height of a hall: 760 mmHg is the air at sea level, 760 hPa the air at 2300 m.
+UNIT_NEAR = 0.06
+"""A pressure is in another unit if this unit brings the pressure to the pressure of [environment],
+within the weather: 760 mmHg is the air at sea level, 760 hPa the air at 2300 m.
 """
 
 
@@ -211,7 +208,7 @@ class Conditions:
                 message(
                     "sensor-jump.believed",
                     found=self._found(name, value, time_s),
-                    count=BELIEVED_STOPS,
+                    count=LEAST_SAMPLES,
                 )
             )
             code = None
@@ -245,11 +242,7 @@ class Conditions:
         none.
         """
         stated = self._environment.air_pressure_hpa
-        if (
-            name != "air_pressure_hpa"
-            or name in self._credible
-            or abs(value / stated - 1) <= UNIT_FAR
-        ):
+        if name != "air_pressure_hpa" or name in self._credible:
             return ""
         return next(
             (
@@ -261,14 +254,16 @@ class Conditions:
         )
 
     def _agreed(self, name: str, value: float) -> bool:
-        """Return whether enough consecutive stops agree on a value after its jump."""
+        """Return whether `LEAST_SAMPLES` consecutive stops agree on a value after its jump; the
+        jump itself remains a doubt.
+        """
         seen = [
             other
             for other in self._jumped.get(name, [])
             if abs(other - value) <= COURSES[name].at_once
         ]
         self._jumped[name] = [*seen, value]
-        return len(self._jumped[name]) >= BELIEVED_STOPS
+        return len(self._jumped[name]) >= LEAST_SAMPLES
 
     def _reach(self, name: str, time_s: float) -> float:
         course = COURSES[name]

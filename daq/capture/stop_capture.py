@@ -3,7 +3,6 @@ reaches back to the previous stop.
 """
 
 import math
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,8 +14,9 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked, remarks_of
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
-from stepdiag.daq.capture.naming.route import PLACED_MM, Route, agrees
+from stepdiag.daq.capture.naming.route import Route, agrees
 from stepdiag.daq.capture.naming.walk import BEGUN_ANEW, BREAKS_COUNT, Walk
+from stepdiag.daq.capture.noise import LEAST_SAMPLES, PLACED_MM
 from stepdiag.daq.capture.outages import LINK_DOWN, Outages
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.certain_window import (
@@ -30,7 +30,6 @@ from stepdiag.daq.capture.standing.certain_window import (
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.standing.window import (
     EDGE_NS,
-    LEAST_SAMPLES,
     Placing,
     find_plateaus,
     summarise,
@@ -39,11 +38,6 @@ from stepdiag.daq.formats.signals import SignalMap, Signals, resolution
 from stepdiag.daq.records.events import Link
 from stepdiag.daq.survey.models import StopRules, Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
-
-AGAIN = 1.5
-"""Factor by which a difference must exceed the difference reported of the pass before to be
-reported again.
-"""
 
 FROM_BEYOND, FROM_WHERE, NOT_ALL_MOVED = (
     message("other-side"),
@@ -459,13 +453,13 @@ def _share_turn(
 
 
 class PositionCheck:
-    """Compares stop by stop and reports new differences once a pass. The machine's statement
-    decides; the readings support it.
+    """Compares positions stop by stop, and reports differences once a pass: the first, and the
+    first beyond `PLACED_MM`. The machine's statement decides; the readings support it.
     """
 
     def __init__(self, signals: SignalMap) -> None:
         self._signals = signals
-        self._reported_mm: defaultdict[str, float] = defaultdict(float)
+        self._reported: dict[str, Severity] = {}
 
     def judge(self, walk: Walk, stop: int, signals: Signals) -> list[Finding]:
         """Return the finding of the commanded position at a stop; none where the register cannot
@@ -480,15 +474,17 @@ class PositionCheck:
             if abs(here - plan) > self._resolution_mm(axis, plan)
         ]
         worst = max(beyond, default=None)
-        if worst is None or worst[0] <= AGAIN * self._reported_mm[walk.name]:
+        if worst is None:
             return []
         off_mm, axis, here, plan = worst
-        self._reported_mm[walk.name] = off_mm
+        severity: Severity = "info" if off_mm <= PLACED_MM else "warning"
+        if self._reported.get(walk.name) in (severity, "warning"):
+            return []
+        self._reported[walk.name] = severity
         off_um = (here - plan) * 1e3
         words = message(
             "position-differs", axis=axis.upper(), at_mm=here, planned_mm=plan, off_um=off_um
         )
-        severity: Severity = "info" if off_mm <= PLACED_MM else "warning"
         return [walk.finding(severity, stop, words)]
 
     def _resolution_mm(self, axis: str, value_mm: float) -> float:

@@ -15,14 +15,8 @@ from stepdiag.base.setups import CODED_FROM, setup_of, setups_meant
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.naming.route import Route, agrees, route_of
-from stepdiag.daq.capture.naming.walk import (
-    AGAIN,
-    BEGUN_ANEW,
-    COUNTER_TRUSTED,
-    FAULT,
-    Walk,
-    stop_reading,
-)
+from stepdiag.daq.capture.naming.walk import BEGUN_ANEW, Walk, stop_reading
+from stepdiag.daq.capture.noise import FAULT, ORDINARY
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, count_steps
 from stepdiag.daq.formats.signals import Signals
@@ -163,7 +157,7 @@ class PassFinder:
         if signals.stop_count is None or self._start.last_count is None:
             return None
         steps = count_steps(self._start.last_count, signals.stop_count)
-        return steps if 0 < steps <= COUNTER_TRUSTED else None
+        return steps or None
 
     def _place(
         self, forward: Route, hint: PassHint, signals: Signals, reading_mm: float | None
@@ -219,7 +213,7 @@ def _unseen(
     """
     if gone_by is not None and counts is not None and gone_by - counts in (0, int(twice)):
         return FAULT if stops else 0.0
-    return (FAULT + AGAIN * stops if stops else 0.0) + (
+    return (FAULT + ORDINARY * stops if stops else 0.0) + (
         0.0 if gone_by is None else math.log(COUNT_MODULUS)
     )
 

@@ -5,6 +5,7 @@ While the count is unbroken, every stop has its own reading. The readings separa
 from a continued pass, a missed stop from a stop counted twice, and a feed hold from a stop.
 """
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,14 +16,15 @@ from stepdiag.base.messages import Message, message
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.runs import Plan, run_stops_mm
 from stepdiag.base.setups import Setup, setup_of
-from stepdiag.daq.capture.standing.dwell import STILL_MM
-
-STEP_TOLERANCE = 0.02
-"""A step agrees with the geometry within two per cent and `STILL_MM`: twenty times a badly aligned
-mirror, a tenth of a wrong step."""
-PLACED_MM, MOST_BESIDE_MM = 0.1, 0.25
-"""Encoder positions scatter by 0.1 to 3 um, programs of two decimals are off by 5 um; with G91 that
-adds up to 0.1 mm over twenty increments, 0.2 mm over forty."""
+from stepdiag.daq.capture.noise import (
+    BESIDE_MM,
+    FAILURE,
+    PLACED_MM,
+    RANGE_MM,
+    SIGMAS,
+    STEP_TOLERANCE,
+    STILL_MM,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +33,7 @@ class Route:
     each, relative to the first, shape (k,).
 
     ``along`` is the direction in which the reading increases, a unit vector. A position within
-    ``beside_mm`` of a stop is at the stop: `MOST_BESIDE_MM`, less where steps are short.
+    ``beside_mm`` of a stop is at the stop: `BESIDE_MM`, less where steps are short.
     """
 
     setup: str
@@ -108,14 +110,40 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
         stops_mm=stops,
         nominal_mm=nominal,
         along=along,
-        beside_mm=float(np.clip(0.1 * least_mm, PLACED_MM, MOST_BESIDE_MM)),
+        beside_mm=float(np.clip(0.1 * least_mm, PLACED_MM, BESIDE_MM)),
     )
 
 
+def step_noise_mm(way_mm: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the standard deviation of the laser's steps over ways in mm."""
+    noise: NDArray[np.float64] = (STILL_MM + STEP_TOLERANCE * np.abs(way_mm)) / SIGMAS
+    return noise
+
+
 def agrees(measured_mm: float, nominal_mm: float) -> bool:
-    """Return whether a measured step is the nominal one, mirror tilt and machine errors allowed
-    for."""
+    """Return whether a measured step is the nominal step: their difference is noise."""
     return abs(measured_mm - nominal_mm) <= STILL_MM + STEP_TOLERANCE * abs(nominal_mm)
+
+
+def log_normal(
+    off: NDArray[np.float64], scale: float | NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the logarithm of a normal density."""
+    density: NDArray[np.float64] = -0.5 * (off / scale) ** 2 - np.log(
+        scale * math.sqrt(2 * math.pi)
+    )
+    return density
+
+
+def log_likelihood(
+    off: NDArray[np.float64], scale: float | NDArray[np.float64], within: float = RANGE_MM
+) -> NDArray[np.float64]:
+    """Return the logarithm of the likelihood of residuals: normal, or at the rate `FAILURE`
+    anywhere ``within`` a range. NaN where a residual is unknown.
+    """
+    failed = math.exp(-FAILURE) / within
+    density: NDArray[np.float64] = np.log(np.exp(log_normal(off, scale)) + failed)
+    return density
 
 
 def judge_step(

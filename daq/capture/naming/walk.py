@@ -10,39 +10,35 @@ from numpy.typing import NDArray
 from stepdiag.base.findings import Finding, Severity, finding
 from stepdiag.base.messages import Message, Place, Way, message, run
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.naming.route import PLACED_MM, Route, judge_step
-from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, STILL_MM, count_steps
-from stepdiag.daq.capture.standing.window import SIGMAS
+from stepdiag.daq.capture.naming.route import (
+    Route,
+    judge_step,
+    log_likelihood,
+    log_normal,
+    step_noise_mm,
+)
+from stepdiag.daq.capture.noise import (
+    BESIDE_MM,
+    FAILURE,
+    FAULT,
+    ORDINARY,
+    PLACED_MM,
+    RANGE_MM,
+    SIGMAS,
+)
+from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, count_steps
 from stepdiag.daq.formats.signals import Signals
 
-FAULT, HOLD, FAILURE, RARE = 5.0, 6.0, 8.0, 10.0
-"""Costs as logarithms of odds: one standstill in 150 is a missed stop or a restarted program, one
-in 400 a hold, one in 3,000 a failed observation, one in 20,000 a step that the program does not
-plan.
-"""
-BEGIN = 14.0
-"""The cost of a log that does not begin with the first stop of a pass; three stops that agree
-outweigh it.
-"""
-AGAIN, ORDINARY, COUNTED_NOWHERE = 0.3, 1.0, 2.0
-"""Small costs, for: a failure that repeats; a program restarted after the beam was cut; a
-standstill before the first stop of a machine without signals; a counted stop that is no stop of the
-pass.
+BEGIN, RARE = 2 * math.log(RANGE_MM), 2 * FAULT
+"""The costs of a log that does not begin with the first stop of a pass (the two steps of three
+stops that agree outweigh the cost), and of a step that the program does not plan.
 """
 SURE = 2.0
 """Difference of log-likelihood by which the path of a name has to exceed those of all other names
 to make it sure.
 """
-SLIP_MM, RANGE_MM, STEP_SHARE = 0.25, 1000.0, 0.005
-"""Noise of a count that slipped, of a reading without an earlier one to compare, and of a step (as
-a share of its length).
-"""
-KEPT, WITHIN = 12, 25.0
-"""Largest number of paths that are followed, and the log-likelihood by which a followed path may
-lie below the best one.
-"""
-COUNTER_TRUSTED = 1000
-"""A stop counter that increased by more than this was reset: the PLC has restarted."""
+WITHIN = 25.0
+"""The log-likelihood by which a followed path may lie below the best path."""
 BREAKS_COUNT = {"laser-reset", "step-mismatch"}
 """A step of the wrong size without an explanation is a lost count: the readings after it are right
 again, relative to each other.
@@ -134,7 +130,7 @@ class Chain:
                 key = on.way, on.stop, on.nowhere, on.astray
                 if key not in best or best[key].score < on.score:
                     best[key] = on
-        paths = sorted(best.values(), key=lambda path: -path.score)[:KEPT]
+        paths = sorted(best.values(), key=lambda path: -path.score)
         first = paths[0]
         self._paths = [path for path in paths if first.score - path.score < WITHIN]
         others = (
@@ -153,7 +149,7 @@ class Chain:
         counted, counted_nowhere = _counted(path, look, len(route))
         score = path.score - _moves(path, len(route), lost=look.lost) - counted
         idle = BEGIN if self._signalled else ORDINARY
-        nowhere = path.score - (HOLD if path.stop >= 0 else idle) - counted_nowhere
+        nowhere = path.score - (FAULT if path.stop >= 0 else idle) - counted_nowhere
         fits = np.ones(len(route), dtype=bool)
         if look.position_mm is not None:
             score[~route.beside(look.position_mm)] = -math.inf
@@ -186,8 +182,8 @@ class Chain:
         if look.reading_mm is None or path.left_mm is None or not 0 < stop < len(counted):
             return
         off = np.abs(look.reading_mm - path.left_mm) - steps_mm
-        alike = float(np.logaddexp.reduce(log_normal(off, noise_mm(steps_mm))))
-        cost = AGAIN if path.astray else RARE + math.log(2 * len(off))
+        alike = float(np.logaddexp.reduce(log_normal(off, step_noise_mm(steps_mm))))
+        cost = 0.0 if path.astray else RARE + math.log(2 * len(off))
         score = path.score - cost - float(counted[stop]) + alike
         yield replace(_extended(path, look, stop, score, bool(counted[stop])), astray=True)
 
@@ -230,8 +226,8 @@ def _counted(path: Path, look: Look, stops: int) -> tuple[Costs, float]:
     right = (steps == np.where(to > path.stop, to - path.stop, 1)) | (
         (to == path.stop) & (steps == 0)
     )
-    wrong = AGAIN if path.miscounts else FAILURE
-    return np.where(right, 0.0, wrong), 0.0 if steps == 0 else min(wrong, COUNTED_NOWHERE)
+    wrong = ORDINARY if path.miscounts else FAILURE
+    return np.where(right, 0.0, wrong), 0.0 if steps == 0 else wrong
 
 
 def stop_reading(route: Route, known: Known, reading_mm: float | None) -> int | None:
@@ -257,21 +253,10 @@ def _reading_likelihood(
     anchor = np.where(np.isin(to, stops) | (last_stop not in known), nearest, last_stop)
     way_mm = route.nominal_mm - route.nominal_mm[anchor]
     off = reading_mm - np.array([known[int(stop)] for stop in anchor]) - way_mm
-    noise = noise_mm(way_mm)
-    slipped = np.logaddexp(log_normal(off, SLIP_MM), -math.log(RANGE_MM)) - FAILURE
-    return np.logaddexp(log_normal(off, noise), slipped), np.abs(off) < SIGMAS * noise
-
-
-def noise_mm(way_mm: NDArray[np.floating]) -> Costs:
-    """Return the noise of a step of the laser."""
-    noise: Costs = 0.5 * STILL_MM + STEP_SHARE * np.abs(way_mm)
-    return noise
-
-
-def log_normal(off: Costs, scale: float | Costs) -> Costs:
-    """Return the logarithm of a normal density."""
-    density: Costs = -0.5 * (off / scale) ** 2 - np.log(scale * math.sqrt(2 * math.pi))
-    return density
+    noise = step_noise_mm(way_mm)
+    slipped = log_normal(off, BESIDE_MM) - FAILURE
+    read = np.logaddexp(log_likelihood(off, noise), slipped)
+    return read, np.abs(off) < SIGMAS * noise
 
 
 class Walk:
@@ -505,7 +490,7 @@ class Walk:
             return self.expected, []
         if steps == 0:
             return self.expected, self._stuck(count)
-        if 1 < steps <= COUNTER_TRUSTED:
+        if 1 < steps <= len(self.route):  # a counter that increased by more was reset
             index = self.expected + steps - 1
             missed = message(
                 "stop-missed", before=self._last_count, now=count, missed=steps - 1

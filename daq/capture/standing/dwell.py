@@ -25,33 +25,28 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.daq.capture.noise import (
+    FLICKER_NS,
+    LAG_NS,
+    LEAST_SAMPLES,
+    MAJORITY,
+    PLACED_MM,
+    SERIES,
+    STILL_MM,
+)
 from stepdiag.daq.capture.standing.window import (
     BIN_NS,
-    LEAST_SAMPLES,
+    EDGE_NS,
     LEAVING_SHARE,
-    MAJORITY,
     Placing,
 )
 from stepdiag.daq.formats.signals import Signals
 
-STILL_MM = 0.02
-"""Largest distance in mm of a standing machine while it comes to rest; the shortest step, and an
-overrun that takes up the backlash, are longer.
-"""
-SAME_STOP_MM = 0.05
-"""Two commanded positions closer than this are the same stop: the register counts tenths of
-micrometres."""
 COUNT_MODULUS = 65536
 MOST_PLACES = 256
 """Largest number of different positions stored for a standstill: enough for its median, and bounded
 if a machine stands for hours.
 """
-FLICKER_NS = 300_000_000
-"""A shorter absence of the stop signal in ns is a flicker; no machine makes a step in this time and
-stands again.
-"""
-
-
 Observation = Literal["moving", "same", "new"]
 Place = tuple[float, float, float] | None
 
@@ -175,7 +170,7 @@ def same_stop(one: Signals, other: Signals) -> bool:
     if one.commanded_mm is None or other.commanded_mm is None:
         return True
     return all(
-        abs(a - b) <= SAME_STOP_MM
+        abs(a - b) <= PLACED_MM
         for a, b in zip(one.commanded_mm, other.commanded_mm, strict=True)
     )
 
@@ -185,14 +180,6 @@ def count_steps(before: int, after: int) -> int:
     more than half the range is a decrease.
     """
     return (after - before) % COUNT_MODULUS
-
-
-RECENT, RECENT_NS = 9, 50_000_000
-"""The samples from the end of one dwell to the beginning of the next are compared. The newest
-samples of the next may be of the move that follows: a stop signal is as old as the PLC's scan.
-"""
-SAMPLES_WAIT_NS = 500_000_000
-"""Longest wait in ns for the samples of a dwell before the dwell is judged without them."""
 
 
 @dataclass(slots=True)
@@ -236,7 +223,7 @@ class Standstills:
         while len(self._waiting) > 1:
             following = self._waiting[1].dwell
             one = _one(self._waiting[0], following, placing)
-            if one is None and now_ns - following.from_ns < SAMPLES_WAIT_NS:
+            if one is None and now_ns - following.from_ns < LAG_NS:
                 return False
             if not one:
                 return True
@@ -244,7 +231,7 @@ class Standstills:
         if going_on is None:
             return now_ns - self._waiting[0].end_ns >= FLICKER_NS
         one = _one(self._waiting[0], going_on, placing)
-        return now_ns - going_on.from_ns >= SAMPLES_WAIT_NS if one is None else not one
+        return now_ns - going_on.from_ns >= LAG_NS if one is None else not one
 
     def take(self) -> Dwell:
         """Return the first standstill, which waits no longer."""
@@ -303,7 +290,7 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     if len(then) < LEAST_SAMPLES:
         return None
     earlier = placing.span(
-        max(before.dwell.from_ns, before.end_ns - RECENT_NS), after.from_ns
+        max(before.dwell.from_ns, before.end_ns - EDGE_NS), after.from_ns
     ).position_mm
     strays = np.abs(earlier - np.median(then)) > STILL_MM
     # the very first samples may still be of the move, where none was seen between the dwells
@@ -315,15 +302,15 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
     """Return the last samples at the beginning of a dwell, in mm: of the samples up to its first
     poll, or of the few that follow a dwell seen by a single poll.
     """
-    span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + SAMPLES_WAIT_NS))
+    span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + LAG_NS))
     shown, begun = np.searchsorted(
         span.time_ns,
-        [max(dwell.to_ns, dwell.from_ns + BIN_NS), dwell.from_ns + RECENT_NS],
+        [max(dwell.to_ns, dwell.from_ns + BIN_NS), dwell.from_ns + EDGE_NS],
     )
     beginning: NDArray[np.float64] = span.position_mm[
-        : max(LEAST_SAMPLES, min(shown, max(begun, RECENT)))
+        : max(LEAST_SAMPLES, min(shown, max(begun, SERIES)))
     ]
-    return beginning[-RECENT:]
+    return beginning[-SERIES:]
 
 
 def _single_dwell(before: _Waiting, after: Dwell) -> _Waiting:

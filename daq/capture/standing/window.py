@@ -12,18 +12,9 @@ from numpy import fft
 from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message, message
+from stepdiag.daq.capture.noise import LEAST_SAMPLES, MAJORITY, SERIES, SIGMAS
 from stepdiag.daq.timing.stream import Break, Span
 
-SIGMAS = 5.0
-"""Noise is smaller than this number of its standard deviations."""
-LEAST_SAMPLES = 3
-"""Fewer samples do not show their own scatter, and are single wrong lines of a laser and no move. A
-polled display gives no more in a short dwell.
-"""
-MAJORITY = 0.5
-"""The larger part decides: of a window, of a dwell, of the way of a leaving machine, which is seen
-on it while a slip of the count is complete at once.
-"""
 BLOCKS = 256
 """Autocorrelation is estimated from block means, so that a window of any length has the same cost.
 """
@@ -159,7 +150,7 @@ def _variance_inflation(residual: NDArray[np.float64]) -> float:
     size = max(1, len(residual) // BLOCKS)
     count = len(residual) // size
     variance = float(np.mean(residual**2))
-    if count < 8:
+    if count < SERIES:
         return 1.0
     blocks = residual[: size * count].reshape(count, size).mean(axis=1)
     spectrum = np.abs(fft.rfft(blocks, 2 * count)) ** 2
@@ -205,27 +196,14 @@ def find_plateaus(
 
 
 STEP_BLOCKS = 32
-LEAST_BLOCKS = 8
-"""Fewer blocks of a window cannot separate two levels from a straight line."""
-NEAR = 3
-"""Blocks compared on either side of a step: a step is sharp, a slower change is a drift."""
-SHARP = 0.7
-"""Least share of a step that has to happen between neighbouring blocks: a slower change is a drift.
-"""
 LEAST_STEP_UM = 0.5
 """Smaller steps are not reported: they are within the repeatability of an ordinary machine."""
-UNLIKE_A_DRIFT = 0.35
-"""Two levels explain the window if their square sum is at most this share of the square sum of a
-straight line.
-"""
 WRONG_SHARE = 0.01
 """More wrong lines than `LEAST_SAMPLES` and so large a share of the window are no accident."""
 RESTLESS_UM = 0.02
 """An instrument with this resolution records the movements of air and floor: in a machine hall it
 never sends one constant value for half a window.
 """
-FROZEN_SAMPLES = 10
-"""Fewer equal samples in a row occur on a quiet machine by chance."""
 LEAVING_SHARE = 0.1
 """Share of the samples of a standstill that may be of a move: a PLC reports the standstill for up
 to a scan too long.
@@ -243,7 +221,7 @@ def against_itself(
     count = len(position_mm)
     if resolution_um <= RESTLESS_UM:
         same = _longest_run(position_mm)
-        if same >= max(FROZEN_SAMPLES, MAJORITY * count):
+        if same >= max(SERIES, MAJORITY * count):
             return [message("laser-frozen", same=same, count=count)]
     if step_um := step_in_um(position_mm):
         return [message("window-step", step_um=step_um)]
@@ -274,10 +252,13 @@ def step_in_um(position_mm: NDArray[np.float64]) -> float:
 def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
     """Return the size of the step between two levels in a window, in um and in standard deviations
     of the residuals; 0 without a step.
+
+    A step is sharp: its larger part happens between neighbouring blocks, and two levels leave less
+    than half of the square sum that a straight line leaves. A slower change is a drift.
     """
     size = -(-len(position_mm) // STEP_BLOCKS)
     count = len(position_mm) // size
-    if count < LEAST_BLOCKS:
+    if count < SERIES:
         return 0.0, 0.0
     blocks = np.median(position_mm[: size * count].reshape(count, size), axis=1) * 1e3
     at = _best_split(blocks)
@@ -287,11 +268,12 @@ def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
         return 0.0, 0.0
     rest = blocks - np.where(np.arange(count) < at, before, after)
     sharp = float(
-        np.median(blocks[at : at + NEAR]) - np.median(blocks[max(0, at - NEAR) : at])
+        np.median(blocks[at : at + LEAST_SAMPLES])
+        - np.median(blocks[max(0, at - LEAST_SAMPLES) : at])
     )
     noise_um = float(np.std(rest))
-    two_levels = float(rest @ rest) < UNLIKE_A_DRIFT * _squares_of_a_line(blocks)
-    found = abs(step) > SIGMAS * noise_um and two_levels and abs(sharp) > SHARP * abs(step)
+    two_levels = float(rest @ rest) < MAJORITY * _squares_of_a_line(blocks)
+    found = abs(step) > SIGMAS * noise_um and two_levels and abs(sharp) > MAJORITY * abs(step)
     return (step, abs(step) / max(noise_um, RESOLUTION_FLOOR_UM)) if found else (0.0, 0.0)
 
 
@@ -304,7 +286,7 @@ def _best_split(blocks: NDArray[np.float64]) -> int:
     total = np.cumsum(blocks)
     means_apart = (total[-1] - total[:-1]) / (count - first) - total[:-1] / first
     gain = first * (count - first) / count * means_apart**2
-    edge = max(2, count // 8)
+    edge = max(2, count // SERIES)
     return int(np.argmax(gain[edge - 1 : count - edge])) + edge
 
 
