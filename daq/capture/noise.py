@@ -7,12 +7,11 @@ window or a time. Each observation has a noise, and now and then an observation 
 machines, instruments or persons that several decisions need stands here once. A decision compares
 logarithms of odds: the cost of an event is minus the logarithm of the event's rate.
 
-Events. `FAULT` is the rate of an event on the shop floor: a stop that is not seen, a hold where no
+Events. `FAULT` is the rate of an event on the shop floor: stops that are not seen, a hold where no
 stop is, a program begun anew, a wrong line of the survey file. Events are independent, so a place
-that the program does not plan costs two faults, and a log that does not begin with the first stop
-of a pass costs three. `FAILURE` is the rate of an observation that fails. `ORDINARY` is the cost of
-an event that an earlier one makes probable: a failure after a failure, or a program begun anew
-after a cut beam.
+that the program does not plan costs two faults. `FAILURE` is the rate of an observation that fails.
+`ORDINARY` is the cost of an event that an earlier one makes probable: a failure after a failure, or
+a program begun anew after a cut beam.
 
 Noise. A machine at a stop is within `STILL_MM` of rest. A step agrees with the geometry within
 `STILL_MM` and `STEP_TOLERANCE`, which are `SIGMAS` standard deviations of the step's noise. A

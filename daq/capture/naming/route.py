@@ -8,6 +8,7 @@ from a continued pass, a missed stop from a stop counted twice, and a feed hold 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,55 +157,34 @@ def judge_step(
     nominal = route.step_mm(from_stop, to_stop)
     if agrees(measured_mm, nominal):
         return None
-    if backwards := _backwards(route, from_stop, to_stop, measured_mm):
-        return backwards
+    sizes = {"moved_mm": measured_mm, "wanted_mm": nominal}
+    if key := _backwards(route, from_stop, to_stop, measured_mm):
+        start = {} if key == "wrong-laser-sign" else {"start": _start_words(route)}
+        return message(key, **sizes, **start)
     if agrees(measured_mm, 0.0):
-        return message("no-move", moved_mm=measured_mm, wanted_mm=nominal)
-    if to_stop + 1 < len(route) and agrees(
-        measured_mm, route.step_mm(from_stop, to_stop + 1)
-    ):
-        return message(
-            "stop-missing.sequence",
-            moved_mm=measured_mm,
-            wanted_mm=nominal,
-            after_mm=route.step_mm(from_stop, to_stop + 1),
-        )
+        return message("no-move", **sizes)
+    if to_stop + 1 < len(route):
+        after_mm = route.step_mm(from_stop, to_stop + 1)
+        if agrees(measured_mm, after_mm):
+            return message("stop-missing.sequence", after_mm=after_mm, **sizes)
     if other := _other_axis(route, to_stop, measured_mm):
         axes = {"other": other.upper(), "axis": route.axis_to(to_stop).upper()}
-        return message("wrong-axis-order", moved_mm=measured_mm, wanted_mm=nominal, **axes)
+        return message("wrong-axis-order", **sizes, **axes)
     if abs(absolute_mm) <= STILL_MM:
-        return message("laser-reset", moved_mm=measured_mm, wanted_mm=nominal)
-    return message("step-mismatch", moved_mm=measured_mm, wanted_mm=nominal)
+        return message("laser-reset", **sizes)
+    return message("step-mismatch", **sizes)
 
 
 def _backwards(
     route: Route, from_stop: int, to_stop: int, measured_mm: float
-) -> Message | None:
-    """Return the fault of a step with the right size in the wrong direction; None without such a
+) -> Literal["wrong-laser-sign", "wrong-laser-sign.or-end", "wrong-direction", ""]:
+    """Return the fault of a step with the right size in the wrong direction; empty without such a
     fault.
     """
-    nominal = route.step_mm(from_stop, to_stop)
-    turned, from_the_end = (
-        agrees(measured_mm, -route.step_mm(from_stop, to_stop)),
-        agrees(measured_mm, route.backward_mm(from_stop, to_stop)),
-    )
-    if turned:
-        if from_the_end:
-            return message(
-                "wrong-laser-sign.or-end",
-                moved_mm=measured_mm,
-                wanted_mm=nominal,
-                start=_start_words(route),
-            )
-        return message("wrong-laser-sign", moved_mm=measured_mm, wanted_mm=nominal)
-    if from_the_end:
-        return message(
-            "wrong-direction",
-            moved_mm=measured_mm,
-            wanted_mm=nominal,
-            start=_start_words(route),
-        )
-    return None
+    from_the_end = agrees(measured_mm, route.backward_mm(from_stop, to_stop))
+    if agrees(measured_mm, -route.step_mm(from_stop, to_stop)):
+        return "wrong-laser-sign.or-end" if from_the_end else "wrong-laser-sign"
+    return "wrong-direction" if from_the_end else ""
 
 
 def _start_words(route: Route) -> str:

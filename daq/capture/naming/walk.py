@@ -37,8 +37,10 @@ SURE = 2.0
 """Difference of log-likelihood by which the path of a name has to exceed those of all other names
 to make it sure.
 """
-WITHIN = 25.0
-"""The log-likelihood by which a followed path may lie below the best path."""
+KEPT, WITHIN = 12, 25.0
+"""Largest number of paths that are followed, and the log-likelihood by which a followed path may
+lie below the best path: the machine waits meanwhile.
+"""
 BREAKS_COUNT = {"laser-reset", "step-mismatch"}
 """A step of the wrong size without an explanation is a lost count: the readings after it are right
 again, relative to each other.
@@ -98,6 +100,33 @@ class Path:
         return None if self.nowhere else self.stop
 
 
+OUT, BACK = range(2)
+"""The ways of a setup in the chain's routes."""
+
+
+def beginnings(on: Path, known: Known, stops: int, cost: float) -> tuple[Path, ...]:
+    """Return the path of a pass that goes on; the path of a pass that begins in the other
+    direction at a ``cost``, and whose counter fits by chance; and the paths over the end of the
+    pass, whose stops before the turn, once or twice counted, have negative numbers.
+
+    ``known`` are the readings of the present count, by stop of the outward route.
+    """
+    counts = on.stop >= 0 and on.count is not None
+    levels = known, {stops - 1 - stop: reading for stop, reading in known.items()}
+    other = Path(
+        score=-cost - FAILURE * counts,
+        way=1 - on.way,
+        known=levels[1 - on.way],
+        count=on.count,
+    )
+    over = (
+        replace(other, score=0.0, stop=stop)
+        for stop in (on.stop - stops, on.stop - stops + 1)
+        if counts and stop < -1
+    )
+    return replace(on, known=levels[on.way]), other, *over
+
+
 class Chain:
     """Follows a pass on one of several routes. ``margin`` is the margin of the last name.
 
@@ -130,7 +159,7 @@ class Chain:
                 key = on.way, on.stop, on.nowhere, on.astray
                 if key not in best or best[key].score < on.score:
                     best[key] = on
-        paths = sorted(best.values(), key=lambda path: -path.score)
+        paths = sorted(best.values(), key=lambda path: -path.score)[:KEPT]
         first = paths[0]
         self._paths = [path for path in paths if first.score - path.score < WITHIN]
         others = (
@@ -146,10 +175,10 @@ class Chain:
         route = self._routes[path.way]
         if look.lost:
             path = replace(path, known={}, left_mm=None, names=())
-        counted, counted_nowhere = _counted(path, look, len(route))
-        score = path.score - _moves(path, len(route), lost=look.lost) - counted
+        shown, counted, counted_nowhere = _counted(path, look, len(route))
+        score = path.score - _moves(path, shown, lost=look.lost) - counted
         idle = BEGIN if self._signalled else ORDINARY
-        nowhere = path.score - (FAULT if path.stop >= 0 else idle) - counted_nowhere
+        nowhere = path.score - (idle if path.stop == -1 else FAULT) - counted_nowhere
         fits = np.ones(len(route), dtype=bool)
         if look.position_mm is not None:
             score[~route.beside(look.position_mm)] = -math.inf
@@ -164,10 +193,7 @@ class Chain:
                 known = {stop: look.after_mm}
             elif look.reading_mm is not None:
                 known = {**known, stop: look.reading_mm}
-            yield replace(
-                _extended(path, look, stop, float(score[stop]), bool(counted[stop])),
-                known=known,
-            )
+            yield _extended(path, look, stop, float(score[stop]), bool(counted[stop]), known)
         yield replace(
             path, score=nowhere, nowhere=True, count=look.count, names=(*path.names, None)
         )
@@ -185,17 +211,27 @@ class Chain:
         alike = float(np.logaddexp.reduce(log_normal(off, step_noise_mm(steps_mm))))
         cost = 0.0 if path.astray else RARE + math.log(2 * len(off))
         score = path.score - cost - float(counted[stop]) + alike
-        yield replace(_extended(path, look, stop, score, bool(counted[stop])), astray=True)
+        miscounts = bool(counted[stop])
+        yield _extended(path, look, stop, score, miscounts, path.known, astray=True)
 
 
-def _extended(path: Path, look: Look, stop: int, score: float, miscounts: bool) -> Path:
+def _extended(
+    path: Path,
+    look: Look,
+    stop: int,
+    score: float,
+    miscounts: bool,
+    known: Known,
+    *,
+    astray: bool = False,
+) -> Path:
     """Return the extension of a path to a stop."""
-    return replace(
-        path,
+    return Path(
         score=score,
+        way=path.way,
         stop=stop,
-        nowhere=False,
-        astray=False,
+        astray=astray,
+        known=known,
         left_mm=look.left_mm,
         count=look.count,
         miscounts=miscounts,
@@ -203,10 +239,15 @@ def _extended(path: Path, look: Look, stop: int, score: float, miscounts: bool) 
     )
 
 
-def _moves(path: Path, stops: int, *, lost: bool) -> Costs:
-    """Return the cost of every move from the last stop of a path, shape (stops,)."""
-    to = np.arange(stops)
-    cost: Costs = np.where(to > path.stop, FAULT * (to - path.stop - 1.0), RARE)
+def _moves(path: Path, shown: NDArray[np.bool_], *, lost: bool) -> Costs:
+    """Return the cost of every move from the last stop of a path, shape (stops,). Missed stops
+    are a single fault; their number is any, unless the counter has ``shown`` it.
+    """
+    if path.stop < -1:  # the counter alone shows that the machine has turned unseen
+        return np.where(shown, FAULT + ORDINARY, math.inf)
+    unseen = np.arange(len(shown)) - path.stop - 1
+    missed = FAULT + np.where(shown, 0.0, np.log(np.maximum(unseen, 1)))
+    cost: Costs = np.where(unseen > 0, missed, np.where(unseen < 0, RARE, 0.0))
     if path.stop < 0:
         cost[1:] += BEGIN - FAULT
         cost[[stop for stop in path.known if stop > 0]] = RARE
@@ -218,27 +259,19 @@ def _moves(path: Path, stops: int, *, lost: bool) -> Costs:
     return cost
 
 
-def _counted(path: Path, look: Look, stops: int) -> tuple[Costs, float]:
-    """Return the cost of the counter at every stop, shape (stops,), and nowhere."""
-    if look.count is None or path.count is None or (path.stop < 0 and not path.nowhere):
-        return np.zeros(stops), 0.0  # between two logs the counter may increase by any number
+def _counted(path: Path, look: Look, stops: int) -> tuple[NDArray[np.bool_], Costs, float]:
+    """Return the stops that the counter shows and the cost of the counter at every stop, each of
+    shape (stops,), and the cost of the counter nowhere.
+    """
+    if look.count is None or path.count is None or (path.stop == -1 and not path.nowhere):
+        # between two logs the counter may increase by any number
+        return np.zeros(stops, dtype=bool), np.zeros(stops), 0.0
     steps, to = count_steps(path.count, look.count), np.arange(stops)
     right = (steps == np.where(to > path.stop, to - path.stop, 1)) | (
         (to == path.stop) & (steps == 0)
     )
     wrong = ORDINARY if path.miscounts else FAILURE
-    return np.where(right, 0.0, wrong), 0.0 if steps == 0 else wrong
-
-
-def stop_reading(route: Route, known: Known, reading_mm: float | None) -> int | None:
-    """Return the stop with a given reading, by the known readings of stops; None if two stops have
-    equal readings.
-    """
-    if reading_mm is None or not known:
-        return None
-    read, fits = _reading_likelihood(known, -1, route, reading_mm)
-    second, best = np.argsort(read)[-2:].tolist()
-    return best if fits[best] and read[best] - read[second] >= ORDINARY else None
+    return right, np.where(right, 0.0, wrong), 0.0 if steps == 0 else wrong
 
 
 def _reading_likelihood(
@@ -483,12 +516,10 @@ class Walk:
         )
 
     def _by_count(self, count: int | None) -> tuple[int, list[Finding]]:
-        if count is None or self._last_count is None or self.expected == 0:
+        steps = self._steps(count)
+        if count is None or self._last_count is None or steps in (None, 1):
             return self.expected, []
-        steps = count_steps(self._last_count, count)
-        if steps == 1:
-            return self.expected, []
-        if steps == 0:
+        if not steps:
             return self.expected, self._stuck(count)
         if 1 < steps <= len(self.route):  # a counter that increased by more was reset
             index = self.expected + steps - 1

@@ -165,11 +165,14 @@ def _variance_inflation(residual: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Plateau:
-    """A stretch of quiet readings: its bounds, and its level."""
+    """A stretch of quiet readings: its bounds, its level, and its number where the marker input of
+    the instrument counts the standstills.
+    """
 
     from_ns: float
     to_ns: float
     level_mm: float
+    count: int | None = None
 
 
 def find_plateaus(
