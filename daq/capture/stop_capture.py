@@ -46,6 +46,9 @@ FROM_BEYOND, FROM_WHERE, NOT_ALL_MOVED = (
 )
 """Reasons why a stop may have been approached from the other side."""
 
+Named = tuple[Dwell, list[Taken], int | None]
+"""A standstill: its dwell, its windows, and the name of its stop."""
+
 
 class StopTaker:
     """Captures the stops of one log."""
@@ -73,7 +76,7 @@ class StopTaker:
         self._breaks_seen = 0
         self._looked_until_ns = 0.0
         self._noise = PassNoise()
-        self._named: list[tuple[Dwell, list[Taken], int | None]] = []
+        self._named: list[Named] = []
         """The standstills since the last loss of count, with the names of their stops."""
 
     def take(
@@ -174,27 +177,30 @@ class StopTaker:
         self._named = [
             (*stand[:2], name) for stand, name in zip(self._named, names, strict=True)
         ]
-        stops = [
-            (dwell, taken, name)
-            for dwell, taken, name in self._named[first:-1]
-            if name is not None
-        ]
-        if not stops:
+        stands = self._named[first:-1]
+        again = next((name for *_, name in stands if name is not None), None)
+        if again is None:
             return []
-        outcomes: list[Outcome] = [walk.begin_anew(stops[0][2])]
-        self._before = (Break(stops[0][0].from_ns, BEGUN_ANEW),)
-        for dwell, taken, name in stops:
-            self._place(walk, name, dwell, taken, outcomes)
-        return outcomes
+        return self._place_again(walk, stands, walk.begin_anew(again))
 
     def name_from_second(self, walk: Walk) -> list[Outcome]:
         """Assign the standstills of a pass again, from its second stop on: the first is missing."""
         self._named = [(*stand[:2], at) for at, stand in enumerate(self._named, 1)]
         walk.begin_anew(1)
-        outcomes: list[Outcome] = [walk.finding("error", 0, message("stop-lost.first"))]
-        self._before = (Break(self._named[0][0].from_ns, BEGUN_ANEW),)
-        for at, (dwell, taken, _) in enumerate(self._named, 1):
-            self._place(walk, at, dwell, taken, outcomes)
+        why = walk.finding("error", 0, message("stop-lost.first"))
+        return self._place_again(walk, self._named, why)
+
+    def _place_again(
+        self, walk: Walk, stands: Sequence[Named], why: Finding
+    ) -> list[Outcome]:
+        """Place the named ones of standstills again; return the finding that states the reason, and
+        the outcomes.
+        """
+        outcomes: list[Outcome] = [why]
+        stops = [(dwell, taken, name) for dwell, taken, name in stands if name is not None]
+        self._before = (Break(stops[0][0].from_ns, BEGUN_ANEW),)
+        for dwell, taken, name in stops:
+            self._place(walk, name, dwell, taken, outcomes)
         return outcomes
 
     def _place(

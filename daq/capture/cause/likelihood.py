@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message
-from stepdiag.daq.capture.naming.route import Route, agrees, log_likelihood, step_noise_mm
+from stepdiag.daq.capture.naming.route import Route, log_likelihood, step_noise_mm
 from stepdiag.daq.capture.noise import (
     BESIDE_MM,
     FAILURE,
@@ -313,15 +313,9 @@ class Evidence:
 
 
 def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
-    """Return the steps that agree with the expected steps, by the measure of a single step
-    (`place.route.agrees`).
-    """
-    return np.array(
-        [
-            agrees(step, nominal)
-            for step, nominal in zip(steps.tolist(), wanted.tolist(), strict=True)
-        ]
-    )
+    """Return the steps that agree with the expected steps: their difference is noise."""
+    agreeing: NDArray[np.bool_] = np.abs(steps - wanted) <= SIGMAS * step_noise_mm(wanted)
+    return agreeing
 
 
 def _placed(off_mm: Matrix) -> Matrix:
