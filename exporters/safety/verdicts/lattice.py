@@ -28,8 +28,6 @@ from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
 _LAW = Law(sense="as-compensation")
 _QUANTUM_UM = 1e-3
-NODES = 9
-"""Points along each axis at which a field is separated into its parts."""
 
 Moved = Callable[[Vector], Vector]
 Axes = tuple[Vector, Vector, Vector]
@@ -53,7 +51,10 @@ def parts_of(moved_um: Moved, axes_mm: Axes, volume: Volume) -> tuple[Table, ...
     order, then the parts that grow with a lever.
     """
     return (
-        *(_curve(name, moved_um, axes_mm, volume) for name in FUNCTIONS),
+        *(
+            _curve(name, moved_um, axes_mm["XYZ".index(name[2])], volume)
+            for name in FUNCTIONS
+        ),
         *_products(moved_um, volume),
     )
 
@@ -64,8 +65,9 @@ def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
 
     An error if the result lacks a function of the old correction, a warning if it lacks the slope.
     """
+    volume = result.volume
     for name in FUNCTIONS:
-        old = _curve(name, moved_um, _even_mm(result.volume), result.volume)
+        old = _curve(name, moved_um, volume.nodes_mm("XYZ".index(name[2])), volume)
         held_um = float(np.ptp(old.value_um))
         if held_um > NOTHING_UM and not result.knows(name):
             yield error("old-table-lost.lattice", name=name, um=held_um)
@@ -73,25 +75,20 @@ def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
             yield from slope_lost(old, [old])
 
 
-def _even_mm(volume: Volume) -> Axes:
-    """Return the positions along each axis at which a field is separated."""
-    return volume.even_mm(0, NODES), volume.even_mm(1, NODES), volume.even_mm(2, NODES)
-
-
-def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
-    """Return the mean of the movement of an output axis over the volume, at the vertices along one
-    axis of the lattice.
+def _curve(name: str, moved_um: Moved, at_mm: Vector, volume: Volume) -> Table:
+    """Return the mean of the movement of an output axis over the volume, at positions along the
+    input axis.
 
     A lattice, like a table, has to be right at its own points; the error that its spacing leaves
     between them is not judged.
     """
     output, moving = (AXES.index(letter.lower()) for letter in name[1:])
-    along = [*_even_mm(volume)]
-    along[moving] = axes_mm[moving]
+    along = [volume.nodes_mm(axis) for axis in range(3)]
+    along[moving] = at_mm
     points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
     moved = moved_um(points.reshape(-1, 3))[:, output].reshape(points.shape[:3])
     mean = np.mean(moved, axis=tuple({0, 1, 2} - {moving}))
-    return _lattice_table(name, along[moving], mean - mean[0])
+    return _lattice_table(name, at_mm, mean - mean[0])
 
 
 def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
@@ -99,18 +96,14 @@ def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
     rounding.
     """
     for output, (moving, by) in product("XYZ", permutations(range(3), 2)):
-        name, at, ends = (
-            f"E{output}{'XYZ'[moving]}",
-            volume.nodes_mm(moving),
-            volume.even_mm(by, 2),
-        )
+        name, at = f"E{output}{'XYZ'[moving]}", volume.nodes_mm(moving)
         grown = growing_um(moved_um, volume, f"{name}*{'XYZ'[by]}")
-        if (
-            moving > by
-        ):  # a bilinear movement grows along both axes: it is a product only once
+        if moving > by:
+            # a bilinear movement grows along both axes: it is a product only once
             even = np.linspace(-1.0, 1.0, len(at))
             grown = grown - even * float(np.mean(even * grown)) / rms(even) ** 2
         if rms(grown) > SURE_UM / 2:
+            ends = volume.even_mm(by, 2)
             lever = Multiplier(axis="XYZ"[by], position_mm=ends, value=np.array([-1.0, 1.0]))
             yield _lattice_table(name, at, grown, lever)
 
