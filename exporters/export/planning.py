@@ -18,19 +18,19 @@ from stepdiag.base.messages import message
 from stepdiag.base.result.result import Result
 from stepdiag.exporters.safety.checks import Case
 from stepdiag.exporters.safety.standing import Standing
+from stepdiag.exporters.safety.verify import contents
 from stepdiag.exporters.tables.angular import require_chain
 from stepdiag.exporters.tables.controller import (
     Controller,
     Emptying,
-    Multiplying,
     Pairing,
     Plan,
+    plan_of,
 )
 from stepdiag.exporters.tables.curves import FUNCTIONS, KEPT, SQUARENESS_SLOPE, Curve
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, summed_um
 
 _ROUNDS = 12
@@ -55,15 +55,7 @@ def planned(result: Result, control: Controller, profile: Profile, today: date) 
     planning steps.
     """
     require_chain(result, profile)
-    if not profile.existing:
-        case, plan = _once(result, control, profile, today, (), {}, frozenset())
-        return Planned(
-            case=case,
-            plan=plan,
-            standing=Standing(after=tuple(case.tables), new=tuple(case.tables)),
-        )
-    tables_in(control, profile.existing, profile)  # refuses a name that occurs twice
-    before = control.standing(profile.existing, (), profile)
+    before = contents(control, (), profile).before
     kept: dict[str, Curve] = {}
     products: frozenset[str] = frozenset()
     for _ in range(_ROUNDS):
@@ -108,11 +100,7 @@ def _once(
         curves = sorted(
             (*curves, *kept.values()), key=lambda curve: FUNCTIONS.index(curve.name)
         )
-    plan = (
-        control.plan_products(curves, fit.products, profile)
-        if isinstance(control, Multiplying)
-        else control.plan(curves, profile)
-    )
+    plan = plan_of(control, curves, fit.products, profile)
     settled = replace(profile, options=plan.options or profile.options)
     if before and isinstance(control, Emptying):
         plan = replace(
@@ -143,9 +131,7 @@ def _names(result: Result, control: Controller, profile: Profile) -> Sequence[st
 
 
 def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
-    """Return the contents of the control after the files of a plan are loaded over the machine's
-    own files.
-    """
+    """Return the contents of the control before and after the files of a plan are loaded."""
     try:
         files = [
             file
@@ -154,10 +140,7 @@ def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
         ]
     except SafetyError:  # reported when the files are written, after the checks of the plan
         return Standing(before=before, after=tuple(case.tables), new=tuple(case.tables))
-    after = case.controller.standing(case.profile.existing, files, case.profile)
-    return Standing(
-        before=before, after=after, new=case.controller.parse(files, case.profile)
-    )
+    return contents(case.controller, files, case.profile)
 
 
 def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:

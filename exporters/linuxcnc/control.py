@@ -369,13 +369,11 @@ def _taken_over(
 def _with_backlash(
     tables: Sequence[Table], forward_um: float, reverse_um: float
 ) -> tuple[Table, ...]:
-    """Return the tables of an axis with an offset added for each direction; a table for both
-    directions becomes two.
+    """Return the tables of an axis with an offset per direction; a single table if both columns of
+    the file have the same values.
     """
-    if forward_um == reverse_um == 0.0:
-        return tuple(tables)
     ways = ((tables[0], 1, forward_um), (tables[-1], -1, reverse_um))
-    return tuple(
+    forward, reverse = (
         replace(
             table,
             direction=direction,
@@ -383,6 +381,9 @@ def _with_backlash(
         )
         for table, direction, offset in ways
     )
+    if np.array_equal(forward.value_um, reverse.value_um):
+        return (replace(forward, direction=0),)
+    return forward, reverse
 
 
 def _screw_name(letter: str) -> str:

@@ -304,25 +304,6 @@ def limit_findings(
     return run_checks(case, LIMITS)
 
 
-def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterator[Finding]:
-    """Check 11: the values that the control reads from the bytes are the planned values, within
-    half a unit at every point.
-    """
-    for table in planned:
-        alike = [
-            [
-                other
-                for other in tables
-                if (other.name, other.kind) == (table.name, table.kind)
-            ]
-            for tables in (planned, read)
-        ]
-        meant, found = (movement_um(table, tables) for tables in alike)
-        off = float(np.max(np.abs(found - meant))) if alike[1] else np.inf
-        if not off <= table.quantum_um / 2 + _ZERO_UM:
-            yield error("file-unsound.read-back", label=table.label, um=off)
-
-
 def refuse(findings: Collection[Finding], accept: Collection[str], where: Words) -> None:
     """Raise ``SafetyError`` with the key of the first finding that is an error or a warning without
     acceptance.

@@ -13,9 +13,9 @@ from stepdiag.base.findings import Finding, error
 from stepdiag.base.messages import Message, message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.checks import Case, limit_findings
+from stepdiag.exporters.safety.read_back import differences
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.safety.verdicts.judge import judge
-from stepdiag.exporters.tables.tables import Table
 
 _NO_NUMBER = re.compile(r"(?<![A-Za-z_])(?:nan|inf|infinity)(?![A-Za-z_])", re.IGNORECASE)
 _POWER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?\d+(?:\.\d*)?[eE][-+]?\d+(?![A-Za-z0-9_.])")
@@ -46,11 +46,19 @@ def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ())
             )
 
 
-def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iterator[Finding]:
-    """Yield the faults of tables as they were read back from the text: limits, travel, and the
-    verdicts of `verify`.
+def gate_findings(case: Case, standing: Standing) -> Iterator[Finding]:
+    """Yield the faults of the tables that a control reads from the written text: differences from
+    the plan, limits, travel, and the verdicts of `verify`.
+
+    The ``standing`` holds the contents of the control after it has read this text.
     """
-    profile = case.profile
+    profile, read = case.profile, standing.new
+    written = {table.identity for table in read}
+    # a file may also hold old tables of the machine, unchanged
+    kept = {each.identity: each for each in standing.before if each.identity in written}
+    planned = {table.identity: table for table in case.tables}
+    for each in differences([*(kept | planned).values()], read):
+        yield error("file-unsound.read-back", what=each.words)
     yield from limit_findings(case.controller, profile, case.result, read)
     yield from (
         Finding(code=each.code, severity="error", text=each.text, message=each.words)

@@ -102,7 +102,7 @@ def _compared(
 ) -> ReadBack:
     plain = [as_data(file) for file in held]
     try:
-        findings = [*_of_tables(wanted, controller.parse(plain, profile))]
+        findings = [*differences(wanted, controller.parse(plain, profile))]
     except (
         DataError,
         UsageError,
@@ -127,8 +127,10 @@ def _compared(
     )
 
 
-def _of_tables(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Finding]:
-    """Yield the differences of every written table, and every other active table."""
+def differences(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Finding]:
+    """Yield the differences between wanted tables and the tables read from files, and every other
+    table in the files that is not empty.
+    """
     found, known = (
         {table.identity: table for table in held},
         {table.identity for table in wanted},
@@ -161,8 +163,10 @@ def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
         if wanted.value_um.any():
             yield error("read-back-differs.absent", label=label)
         return
-    alike = wanted.direction == held.direction and len(wanted.position_mm) == len(
-        held.position_mm
+    alike = (wanted.law, wanted.direction, len(wanted.position_mm)) == (
+        held.law,
+        held.direction,
+        len(held.position_mm),
     )
     if (
         not alike

@@ -13,7 +13,7 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, error, warning
 from stepdiag.base.result.result import POSITIONING, Result
-from stepdiag.exporters.safety.verdicts.wanted import is_known
+from stepdiag.exporters.safety.verdicts.wanted import angle_of, is_known
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FOLD_OTHER
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, same_lever, summed_um
@@ -83,12 +83,7 @@ def identifies(result: Result, table: Table) -> bool:
     function, and the angle of a product.
     """
     if table.multiplier is not None:
-        turns = {0, 1, 2} - {
-            "XYZ".index(table.output_axis),
-            "XYZ".index(table.multiplier.axis),
-        }
-        angles = [f"E{'ABC'[turn]}{table.input_axis}" for turn in turns]
-        return len(angles) == 1 and result.knows(angles[0])
+        return result.knows(angle_of(table.name))
     fold = FOLD_OTHER if table.name in FOLD_OTHER.values() else FOLD_DEFAULT
     return is_known(result, table.name, fold) and (
         table.name not in POSITIONING or result.errors[table.name].slope_identified
@@ -96,18 +91,19 @@ def identifies(result: Result, table: Table) -> bool:
 
 
 def acts_with(one: Table, other: Table) -> bool:
-    """Return whether ``one`` acts together with ``other``: the same function, and for a curve the
-    products that move along its axis.
+    """Return whether ``one`` acts together with ``other``: on the same output axis, and for each
+    position of the axes by which ``other`` moves.
 
-    Products of a function and lever count together, in any place: a new product may do the work of
-    an old product under other numbers.
+    A product acts together with the curves of both of its axes, and products of the same two axes
+    count together, in any place: a new product may do the work of an old product.
     """
-    if one.multiplier is None or other.multiplier is not None:
-        return one.name == other.name
-    return one.output_axis == other.output_axis and other.input_axis in (
-        one.input_axis,
-        one.multiplier.axis,
-    )
+    return one.output_axis == other.output_axis and _axes(other) <= _axes(one)
+
+
+def _axes(table: Table) -> set[str]:
+    """Return the axes whose positions set the movement by a table: one, or two for a product."""
+    lever = table.multiplier
+    return {table.input_axis} if lever is None else {table.input_axis, lever.axis}
 
 
 def standing_findings(
@@ -152,7 +148,7 @@ def standing_findings(
                 () if table.law.ends == "extended" else _shrunk(table, old, standing.new)
             )
             if off and not identifies(result, table):
-                yield from _slope_lost(table, old)
+                yield from slope_lost(table, old)
 
 
 def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
@@ -189,9 +185,9 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
             return
 
 
-def _slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
-    """Yield a warning where the new table contains only a shape and the old tables contained a
-    slope.
+def slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
+    """Yield a warning where old tables contain a slope along the positions of a table, which the
+    result does not identify.
     """
     ends = table.position_mm[[0, -1]]
     rise_um = sum(

@@ -295,8 +295,8 @@ def verify_files(
     controller = controller_of(files)
     reading = profile or quick_profile(controller, result.volume)
     require_chain(result, reading)
-    tables = tables_in(controller, files, reading)
-    standing = _standing(controller, files, tables, reading)
+    standing = contents(controller, files, reading)
+    tables = standing.new
     prediction = predict(result, *standing.acting(result, reading), nodes=nodes)
     findings = (
         *standing_findings(standing, result, reading),
@@ -323,27 +323,25 @@ def acting_in(
     """Return the active tables after loading the files, and the tables active during the
     measurement of the result.
     """
-    return _standing(
-        controller, files, tables_in(controller, files, profile), profile
-    ).acting(result, profile)
+    return contents(controller, files, profile).acting(result, profile)
 
 
-def _standing(
-    controller: Controller,
-    files: Sequence[ControlFile],
-    tables: tuple[Table, ...],
-    profile: Profile,
+def contents(
+    controller: Controller, files: Sequence[ControlFile], profile: Profile
 ) -> Standing:
-    """Return the control's contents before and after loading; without own files, the contents that
-    were read.
+    """Return the contents of the control before and after the files are loaded over the own files
+    of the machine, as the control reads the bytes.
+
+    Raises ``DataError`` for a table that occurs twice in the files, or in the own files.
     """
+    new = tables_in(controller, files, profile) if files else ()
     if not profile.existing:
-        return Standing(after=tables, new=tables)
+        return Standing(after=new, new=new)
     tables_in(controller, profile.existing, profile)
     before, after = (
-        controller.standing(profile.existing, new, profile) for new in ((), files)
+        controller.standing(profile.existing, some, profile) for some in ((), files)
     )
-    return Standing(before=before, after=after, new=tables)
+    return Standing(before=before, after=after, new=new)
 
 
 def worse_findings(

@@ -225,3 +225,17 @@ class Controller(Protocol):
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
         """Return the steps for a person who loads the files, in order, with precautions first."""
+
+
+def plan_of(
+    controller: Controller,
+    curves: Sequence[Curve],
+    products: Sequence[Product],
+    profile: Profile,
+) -> Plan:
+    """Return the tables of a control for curves, and for products where the control multiplies
+    tables. Raises as `Controller.plan` does.
+    """
+    if isinstance(controller, Multiplying):
+        return controller.plan_products(curves, products, profile)
+    return controller.plan(curves, profile)

@@ -8,23 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepdiag.base.names import AXES
-from stepdiag.base.result.field import error_field_um
-from stepdiag.base.result.result import Result
-from stepdiag.base.volume import ROUNDING_MM, Vector, Volume, grid_points_mm, rms
+from stepdiag.base.volume import ROUNDING_MM, Vector, Volume, rms
 from stepdiag.exporters.safety.verdicts.regression import SIZED, SPIKE, SURE_UM, Fit, regress
+from stepdiag.exporters.safety.verdicts.wanted import centred
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.tables import (
     Table,
     correction_um,
     joined,
-    mean_correction_um,
     steps_um,
 )
 
 POINTS = 61
 """Points along an axis at which two movements are compared."""
-NODES = 9
-"""Points along each axis at which two fields are compared."""
 COVERED = 0.5
 """Share of the measured travel that a table has to cover."""
 _SHIFTED = 3
@@ -49,7 +45,18 @@ class TableCase:
     @property
     def is_slope(self) -> bool:
         """Return whether the table consists of one number, the slope of a straight line."""
-        return len(self.table.position_mm) == 2 and self.table.law.ends == "extended"
+        straight = len(self.table.position_mm) == 2 and self.table.law.ends == "extended"
+        return straight and self.table.multiplier is None
+
+    @property
+    def is_product(self) -> bool:
+        """Return whether the table is a product along two axes; along a single axis it is a
+        curve.
+        """
+        return (
+            self.table.multiplier is not None
+            and self.table.multiplier.axis != self.table.input_axis
+        )
 
     def fit(self, curve: Curve, shift_mm: float = 0.0, turn_um_mm: float = 0.0) -> Fit | None:
         """Return the regression on a curve; None if the table does not cover half of the measured
@@ -108,28 +115,6 @@ class TableCase:
         left = self.sum_um(self.together, at) - self.sum_um(self.before, at) + curve.at(at)
         return float(np.polyfit(at, left, 1)[0])
 
-    def fit_product(self, result: Result) -> Fit | None:
-        """Return the regression of the part that grows with the lever of a product on the same part
-        of the result's field; None for a lever along the table's own axis.
-        """
-        lever = self.table.multiplier
-        if lever is None or lever.axis == self.table.input_axis:
-            return None
-        moving, by = (
-            AXES.index(each.lower()) for each in (self.table.input_axis, lever.axis)
-        )
-        points = grid_points_mm(self.volume, NODES)
-        axis = AXES.index(self.table.output_axis.lower())
-        moved = mean_correction_um(self.together, points) - mean_correction_um(
-            self.before, points
-        )
-        parts = (moved, -error_field_um(result, points))
-        done, asked = (
-            growing_um(field[:, axis].reshape(NODES, NODES, NODES), moving, by)
-            for field in parts
-        )
-        return regress(done, asked, sure_um=SURE_UM / 2.0)
-
     def unstepped(self, curve: Curve) -> Curve:
         """Return a residual without the steps of the tables that were active during the
         measurement: no table needs these steps (`tables.merge`).
@@ -142,8 +127,8 @@ class TableCase:
         """Return the movement by tables at positions, mean of both directions, steps joined by
         straight lines, in um.
 
-        Of a product that counts which is the same everywhere in the volume: its mean over the other
-        axis.
+        Beside a curve, a product counts with its mean over the other axis. If the judged table is a
+        product, its growth from the middle of the volume to the end of the lever counts.
         """
         return sum(
             (
@@ -156,14 +141,20 @@ class TableCase:
 
     def _along(self, table: Table, position_mm: Vector, way: int) -> Vector:
         """Return the movement by a table along the input axis of the judged table."""
-        if table.multiplier is None:
+        lever = table.multiplier
+        if lever is None:
             return correction_um(table, position_mm, way)
-        times = table.multiplier.at
+        if lever.axis == table.input_axis:
+            return correction_um(table, position_mm, way) * lever.at(position_mm)
         if table.input_axis == self.table.input_axis:
-            mean = float(np.mean(times(self.travel_mm(table.multiplier.axis))))
-            return correction_um(table, position_mm, way) * mean
-        mean = float(np.mean(correction_um(table, self.travel_mm(table.input_axis), way)))
-        return mean * times(position_mm)
+            along = correction_um(table, position_mm, way)
+            across = lever.at(self.travel_mm(lever.axis))
+        else:
+            along = lever.at(position_mm)
+            across = correction_um(table, self.travel_mm(table.input_axis), way)
+        even = np.linspace(-1.0, 1.0, POINTS)
+        weight = even / rms(even) ** 2 if self.is_product else np.ones(POINTS)
+        return along * float(np.mean(weight * across))
 
     def travel_mm(self, letter: str) -> Vector:
         """Return points from end to end of the measured travel of an axis X, Y or Z."""
@@ -176,23 +167,6 @@ def _common_mm(curve: Curve, own_mm: Vector) -> Vector:
     """
     first, last = curve.position_mm[[0, -1]]
     return np.linspace(max(first, own_mm[0]), min(last, own_mm[-1]), POINTS)
-
-
-def growing_um(values: Vector, moving: int, by: int) -> Vector:
-    """Return, at the nodes of the axis ``moving``, the part of values on a grid that grows with the
-    lever along ``by``, for the end of the lever.
-
-    The curves of single axes drop out: the mean of the lever is zero, and so is that of the part.
-    """
-    (other,) = {0, 1, 2} - {moving, by}
-    lever = np.linspace(-1.0, 1.0, NODES)
-    plane = np.mean(np.moveaxis(values, (moving, by, other), (0, 1, 2)), axis=2)
-    return centred(plane @ lever) / np.sum(lever**2)
-
-
-def centred(values: Vector) -> Vector:
-    """Return values less their mean."""
-    return np.asarray(values - np.mean(values))
 
 
 def typical_u(curve: Curve) -> float:

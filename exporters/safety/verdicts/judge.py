@@ -10,11 +10,11 @@ from stepdiag.base.messages import Message, message
 from stepdiag.base.result.result import Result
 from stepdiag.base.volume import rms
 from stepdiag.exporters.safety.standing import Standing, acts_with, unchanged
-from stepdiag.exporters.safety.verdicts.case import TableCase, centred, typical_u
+from stepdiag.exporters.safety.verdicts.case import TableCase, typical_u
 from stepdiag.exporters.safety.verdicts.regression import SURE_UM, Explained, Fit, explain
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
-from stepdiag.exporters.safety.verdicts.wanted import Wanted, is_known
-from stepdiag.exporters.tables.controller import Controller, Multiplying
+from stepdiag.exporters.safety.verdicts.wanted import Wanted, centred, is_known, mirrored
+from stepdiag.exporters.tables.controller import Controller, plan_of
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FOLD_OTHER, FUNCTIONS, Curve
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
@@ -42,11 +42,7 @@ def judge(
     turns = _turns(wanted, [case_of(table) for table in after if table.multiplier is None])
     judged = [
         _settled(case, standing, profile)
-        or (
-            _of_curve(case, wanted, turns.get(case.table.name, 0.0))
-            if case.table.multiplier is None
-            else _of_product(case, result)
-        )
+        or _compared(case, wanted, turns.get(case.table.name, 0.0))
         for case in map(case_of, tables)
     ]
     # a control has zeros for functions outside the request, and zeros alone remove every
@@ -60,99 +56,74 @@ def judge(
     )
 
 
-def _of_curve(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
+def _compared(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
+    """Return the judgement of a table by the regressions on the requests of the result."""
     name = case.table.name
-    own = [
-        case.unstepped(curve)
-        for curve in (wanted.as_slope(name) if case.is_slope else wanted.of(name))
-    ]
+    requests = wanted.as_slope(name) if case.is_slope else wanted.of(name)
+    own = [case.unstepped(curve) for curve in requests]
     if not own:
         return _says(case, "unidentified", message("result-does-not-identify"))
-    fits, mirrored = _fits(case, own), f"E{name[2]}{name[1]}"
-    names = (mirrored, *(each for each in FUNCTIONS if each not in (name, mirrored)))
+    fits = _fits(case, own)
     found = explain(
         fits,
         _fits(case, own, turn_um_mm=turn_um_mm) if turn_um_mm else (),
         (
             (other, fit)
-            for other in names
-            if other != name
+            for other in (mirrored(name), *FUNCTIONS)
+            if "*" not in name and other != name
             for fit in _fits(case, wanted.of(other))
         ),
         ((shift, fit) for shift in case.shifts_mm() for fit in _fits(case, own, shift)),
     )
-    first, last = case.table.position_mm[[0, -1]]
-    if not fits and found.code == "unlike":
-        low, high = case.travel_mm(case.table.input_axis)[[0, -1]]
-        words = message(
-            "to-mm-measured-travel", first_mm=first, last_mm=last, low_mm=low, high_mm=high
-        )
-        return _says(case, "beside-volume", words)
-    if found.code == "axes-swapped" and found.fit is not None:
-        turned = found.fit.left(-1.0) < found.fit.left()
-        words = (
-            message("this-table-with-opposite", name=found.other)
-            if turned
-            else message("this-table", name=found.other)
-        )
-        return _says(
-            case, "input-output-swapped" if found.other == mirrored else found.code, words
-        )
-    if found.code == "beside-volume":
-        words = message(
-            "right-if-it-lay", shift_mm=found.shift_mm, first_mm=first, last_mm=last
-        )
-        return _says(case, found.code, words)
-    if found.code == "unlike" and found.fit is not None:
-        where = f"{case.table.input_axis} {case.place_mm(own[0], found.fit):g} mm"
-        words = message("um-off-at-where", largest_um=found.fit.largest_um, where=where)
-        return _says(case, found.code, words, found.fit)
-    return _plainly(case, found)
+    words = _sentence(case, found, own[0])
+    if found.other == mirrored(name):
+        return _says(case, "input-output-swapped", words)
+    elsewhere = found.other or found.shift_mm
+    return _says(case, found.code, words, None if elsewhere else found.fit)
 
 
-def _of_product(case: TableCase, result: Result) -> Judgement:
-    fit = case.fit_product(result)
+def _sentence(case: TableCase, found: Explained, asked: Curve) -> Message:
+    """Return the sentence about the explanation of a movement, in which ``asked`` is a request for
+    the table's own function.
+    """
+    fit, (first_mm, last_mm) = found.fit, case.table.position_mm[[0, -1]]
+    low_mm, high_mm = case.travel_mm(case.table.input_axis)[[0, -1]]
+    if found.code == "beside-volume" and fit is None:
+        travel = {"low_mm": low_mm, "high_mm": high_mm}
+        return message("to-mm-measured-travel", first_mm=first_mm, last_mm=last_mm, **travel)
     if fit is None:
-        return _says(case, "right", message("lever-along-axis-itself"))
-    if fit.moved_um < fit.sure_um:
-        return _says(case, "empty", message("no-correction"))
-    return _plainly(case, explain([fit]))
+        return message("nothing-like-what-result")
+    size, turned = abs(fit.factor), fit.factor < 0.0
+    sentences: dict[Code, Message] = {
+        "right": message("what-result-asks-for"),
+        "missing": message("no-correction-where-result", names_um=fit.size_um),
+        "sign-turned": message("right-shape-with-opposite"),
+        "scaled": message(
+            "right-shape-times-as" if turned else "right-shape-other-size", factor=size
+        ),
+        "axes-swapped": message(
+            "this-table-with-opposite" if turned else "this-table", name=found.other
+        ),
+        "beside-volume": message(
+            "right-if-it-lay", shift_mm=found.shift_mm, first_mm=first_mm, last_mm=last_mm
+        ),
+        "unlike": message(
+            "um-off-at-where",
+            largest_um=fit.largest_um,
+            where=f"{case.table.input_axis} {case.place_mm(asked, fit):g} mm",
+        ),
+    }
+    return sentences[found.code]
 
 
-def _plainly(case: TableCase, found: Explained) -> Judgement:
-    """Return the judgement of a verdict shown by a single regression on the table's own request."""
-    code, fit = found.code, found.fit
-    if fit is None:
-        return _says(case, code, message("nothing-like-what-result"))
-    if code == "right":
-        return _says(case, code, message("what-result-asks-for"), fit)
-    if code == "missing":
-        return _says(case, code, message("no-correction-where-result", names_um=fit.size_um))
-    if code == "sign-turned":
-        return _says(case, code, message("right-shape-with-opposite"), factor=-1.0)
-    factor = abs(fit.factor)
-    words = (
-        message("right-shape-times-as", factor=factor)
-        if fit.factor < 0
-        else message("right-shape-other-size", factor=factor)
-    )
-    return _says(case, code, words, factor=fit.factor)
-
-
-def _says(
-    case: TableCase,
-    code: Code,
-    words: Message,
-    fit: Fit | None = None,
-    factor: float | None = None,
-) -> Judgement:
-    """Return a judgement with the figures of a regression."""
+def _says(case: TableCase, code: Code, words: Message, fit: Fit | None = None) -> Judgement:
+    """Return a judgement with the figures of a regression on the table's own function."""
     return Judgement(
         function=case.table.name,
         table=case.table,
         code=code,
         words=message("of-table", label=case.table.label, what=words),
-        factor=factor if fit is None else fit.factor,
+        factor=None if fit is None else fit.factor,
         rms_um=None if fit is None else fit.rest_um,
         largest_um=None if fit is None else fit.largest_um,
     )
@@ -178,8 +149,11 @@ def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
         for case in cases
         if (curves := wanted.of(case.table.name))
     }
-    pairs = [(name, f"E{name[2]}{name[1]}") for name in left if name[1] != name[2]]
-    return {one: (left[one] - left[other]) / 2.0 for one, other in pairs if other in left}
+    return {
+        name: (left[name] - left[mirrored(name)]) / 2.0
+        for name in left
+        if mirrored(name) in left
+    }
 
 
 def _settled(case: TableCase, standing: Standing, profile: Profile) -> Judgement | None:
@@ -217,20 +191,11 @@ def judge_missing(
     """
     if not any(table.value_um.any() for table in new):
         return
-    held = {table.name for table in new}
     folds = (
         (FOLD_DEFAULT, FOLD_OTHER) if profile.assumed else (profile.machine.squareness_into,)
     )
-    lacking = (
-        [
-            curve
-            for curve in _asked(result, controller, profile, fold)
-            if curve.name not in held
-        ]
-        for fold in folds
-    )
-    for curve in min(lacking, key=len):
-        name, size_um = curve.name, rms(centred(curve.mean_um))
+    lacking = (_lacking(result, controller, new, profile, fold) for fold in folds)
+    for name, size_um in min(lacking, key=len).items():
         words = (
             message("no-table-for-it", name=name, size_um=size_um)
             if profile.assumed
@@ -239,26 +204,30 @@ def judge_missing(
         yield Judgement(function=name, table=None, code="missing", words=words)
 
 
-def _asked(
-    result: Result, controller: Controller, profile: Profile, fold: Mapping[str, str]
-) -> Iterator[Curve]:
-    """Yield the curves of a profile that the result contains, that exceed rounding, and that have
-    tables on the control.
+def _lacking(
+    result: Result,
+    controller: Controller,
+    new: Sequence[Table],
+    profile: Profile,
+    fold: Mapping[str, str],
+) -> dict[str, float]:
+    """Return the sizes in um of the requested functions of a profile that exceed rounding, and have
+    tables on the control but not in ``new``.
     """
     known = [name for name in profile.machine.functions if is_known(result, name, fold)]
     fit = fitted(result, known, fold, profile.zone)
     try:
-        if isinstance(controller, Multiplying):
-            plan = controller.plan_products(fit.curves, fit.products, profile)
-        else:
-            plan = controller.plan(fit.curves, profile)
+        planned = plan_of(controller, fit.curves, fit.products, profile).tables
     except (SafetyError, UsageError):
         # a profile whose tables cannot be made does not show the contents of the control
-        return
-    planned = {table.name: table for table in plan.tables}
-    for curve in fit.curves:
-        table = planned.get(curve.name)
-        if table is not None and rms(centred(curve.mean_um)) >= max(
-            SURE_UM, table.quantum_um, 2.0 * typical_u(curve)
-        ):
-            yield curve
+        return {}
+    held = {table.name for table in new}
+    quantum_um = {table.name: table.quantum_um for table in planned if table.name not in held}
+    size_um = {curve.name: rms(centred(curve.mean_um)) for curve in fit.curves}
+    return {
+        curve.name: size_um[curve.name]
+        for curve in fit.curves
+        if curve.name in quantum_um
+        and size_um[curve.name]
+        >= max(SURE_UM, quantum_um[curve.name], 2.0 * typical_u(curve))
+    }

@@ -5,24 +5,24 @@ Together they are the best tables for the lattice (`tables.fit`), so the verdict
 tables.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
 
-from stepdiag.base.findings import Finding, error, warning
+from stepdiag.base.findings import Finding, error
 from stepdiag.base.names import AXES
 from stepdiag.base.result.result import Result
-from stepdiag.base.volume import Vector, Volume, grid_points_mm, rms
+from stepdiag.base.volume import Vector, Volume, rms
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.standing import NOTHING_UM, Standing, identifies
-from stepdiag.exporters.safety.verdicts.case import NODES, growing_um
+from stepdiag.exporters.safety.standing import NOTHING_UM, Standing, identifies, slope_lost
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.regression import SURE_UM
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
-from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FOLD_OTHER, FUNCTIONS
+from stepdiag.exporters.safety.verdicts.wanted import growing_um
+from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.lattice import NAME
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
@@ -43,8 +43,7 @@ def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judge
     # no profile enters a judgement of a lattice: the neutral control stands in
     stand_in = quick_profile(controller_named("neutral"), result.volume)
     known = replace(result, errors={**result.errors, **result.expected})
-    tables = (*_folded(parts[: len(FUNCTIONS)]).values(), *parts[len(FUNCTIONS) :])
-    return judge(known, tables, Standing(after=tables, new=tables), stand_in)
+    return judge(known, parts, Standing(after=parts, new=parts), stand_in)
 
 
 def parts_of(moved_um: Moved, axes_mm: Axes, volume: Volume) -> tuple[Table, ...]:
@@ -52,7 +51,10 @@ def parts_of(moved_um: Moved, axes_mm: Axes, volume: Volume) -> tuple[Table, ...
     order, then the parts that grow with a lever.
     """
     return (
-        *(_curve(name, moved_um, axes_mm, volume) for name in FUNCTIONS),
+        *(
+            _curve(name, moved_um, axes_mm["XYZ".index(name[2])], volume)
+            for name in FUNCTIONS
+        ),
         *_products(moved_um, volume),
     )
 
@@ -63,72 +65,47 @@ def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
 
     An error if the result lacks a function of the old correction, a warning if it lacks the slope.
     """
-    x, y, z = _nodes_mm(result.volume)
-    old = [_curve(name, moved_um, (x, y, z), result.volume) for name in FUNCTIONS]
-    for table, folded in zip(old, _folded(old).values(), strict=True):
-        held_um, rise_um = float(np.ptp(table.value_um)), _rise_um(folded)
-        if held_um > NOTHING_UM and not result.knows(table.name):
-            yield error("old-table-lost.lattice", name=table.name, um=held_um)
-        elif abs(rise_um) > NOTHING_UM and not identifies(result, folded):
-            yield warning("old-table-lost.slope", name=table.name, um=rise_um)
+    volume = result.volume
+    for name in FUNCTIONS:
+        old = _curve(name, moved_um, volume.nodes_mm("XYZ".index(name[2])), volume)
+        held_um = float(np.ptp(old.value_um))
+        if held_um > NOTHING_UM and not result.knows(name):
+            yield error("old-table-lost.lattice", name=name, um=held_um)
+        elif not identifies(result, old):
+            yield from slope_lost(old, [old])
 
 
-def _nodes_mm(volume: Volume) -> list[Vector]:
-    """Return the positions along each axis at which a field is separated."""
-    return [volume.even_mm(axis, NODES) for axis in range(3)]
-
-
-def _rise_um(table: Table) -> float:
-    return float(table.value_um[-1] - table.value_um[0])
-
-
-def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
-    """Return the mean of the movement of an output axis over the volume, at the vertices along one
-    axis of the lattice.
+def _curve(name: str, moved_um: Moved, at_mm: Vector, volume: Volume) -> Table:
+    """Return the mean of the movement of an output axis over the volume, at positions along the
+    input axis.
 
     A lattice, like a table, has to be right at its own points; the error that its spacing leaves
     between them is not judged.
     """
     output, moving = (AXES.index(letter.lower()) for letter in name[1:])
-    along = _nodes_mm(volume)
-    along[moving] = axes_mm[moving]
+    along = [volume.nodes_mm(axis) for axis in range(3)]
+    along[moving] = at_mm
     points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
     moved = moved_um(points.reshape(-1, 3))[:, output].reshape(points.shape[:3])
     mean = np.mean(moved, axis=tuple({0, 1, 2} - {moving}))
-    return _lattice_table(name, along[moving], mean - mean[0])
-
-
-def _folded(tables: Sequence[Table]) -> dict[str, Table]:
-    """Return the curves by their names, with the slope of each pair in the function that holds the
-    squareness: the rest is a turn of the workpiece.
-    """
-    found = {table.name: table for table in tables}
-    for squareness, target in FOLD_DEFAULT.items():
-        other = FOLD_OTHER[squareness]
-        slope = _rise_um(found[other]) / float(np.ptp(found[other].position_mm))
-        for name, sign in ((other, -1.0), (target, 1.0)):
-            at = found[name].position_mm
-            found[name] = _lattice_table(
-                name, at, found[name].value_um + sign * slope * (at - at[0])
-            )
-    return found
+    return _lattice_table(name, at_mm, mean - mean[0])
 
 
 def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
     """Yield the part that grows with a lever, for every output, axis and lever where it exceeds
     rounding.
     """
-    nodes = _nodes_mm(volume)
-    moved = moved_um(grid_points_mm(volume, NODES)).reshape(NODES, NODES, NODES, 3)
-    for output, (moving, by) in product(range(3), permutations(range(3), 2)):
-        grown = growing_um(moved[..., output], moving, by)
+    for output, (moving, by) in product("XYZ", permutations(range(3), 2)):
+        name, at = f"E{output}{'XYZ'[moving]}", volume.nodes_mm(moving)
+        grown = growing_um(moved_um, volume, f"{name}*{'XYZ'[by]}")
+        if moving > by:
+            # a bilinear movement grows along both axes: it is a product only once
+            even = np.linspace(-1.0, 1.0, len(at))
+            grown = grown - even * float(np.mean(even * grown)) / rms(even) ** 2
         if rms(grown) > SURE_UM / 2:
-            lever = Multiplier(
-                axis="XYZ"[by], position_mm=nodes[by][[0, -1]], value=np.array([-1.0, 1.0])
-            )
-            yield _lattice_table(
-                f"E{'XYZ'[output]}{'XYZ'[moving]}", nodes[moving], grown, lever
-            )
+            ends = volume.even_mm(by, 2)
+            lever = Multiplier(axis="XYZ"[by], position_mm=ends, value=np.array([-1.0, 1.0]))
+            yield _lattice_table(name, at, grown, lever)
 
 
 def _lattice_table(

@@ -198,7 +198,7 @@ def explain(
     if sized:
         best = min(sized, key=lambda fit: (round(fit.left_scaled, 3), fit.left()))
         return Explained("scaled", best)
-    return Explained("unlike")
+    return Explained("unlike" if own else "beside-volume")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

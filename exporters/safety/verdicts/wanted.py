@@ -1,11 +1,15 @@
-"""The curves requested by a result, in the form of a table of an axis, or of a control with a slope
-per pair.
+"""The curves requested by a result, in the form of a table of an axis, of a product of two tables,
+or of a control with a slope per pair.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+import numpy as np
+
+from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.result import Result
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.tables.curves import (
     FOLD_DEFAULT,
     FOLD_OTHER,
@@ -20,6 +24,7 @@ class Wanted:
     """The curves requested by the result, each squareness in either of its two functions."""
 
     def __init__(self, result: Result) -> None:
+        self._result = result
         self._curves: dict[str, list[Curve]] = {name: [] for name in FUNCTIONS}
         for fold in (FOLD_DEFAULT, FOLD_OTHER):
             known = [name for name in FUNCTIONS if is_known(result, name, fold)]
@@ -27,7 +32,21 @@ class Wanted:
                 self._curves[curve.name].append(curve)
 
     def of(self, name: str) -> list[Curve]:
-        return self._curves.get(name, [])
+        """Return the forms of the request for a function, none if the result does not identify it.
+
+        The request for a product, such as ``EYX*Z``, is the part of the error that grows with the
+        lever; a product with a lever along its own axis is a curve.
+        """
+        if "*" not in name or name[2] == name[-1]:
+            return self._curves[name[:3]]
+        volume, angle = self._result.volume, self._result.errors.get(angle_of(name))
+        at = volume.nodes_mm("XYZ".index(name[2]))
+        grown = growing_um(lambda points: error_field_um(self._result, points), volume, name)
+        u_um = 0.0 * at
+        if angle is not None and angle.u is not None:
+            lever_mm = volume.size_mm["XYZ".index(name[-1])] / 2.0
+            u_um = np.interp(at, angle.position_mm, angle.u) * lever_mm / 1000.0
+        return [Curve(name=name, position_mm=at, forward_um=grown, u_um=u_um, parts=())]
 
     def as_slope(self, name: str) -> list[Curve]:
         """Return the curves for a control with a common slope for both functions of a pair of axes:
@@ -35,7 +54,7 @@ class Wanted:
         """
         plain = [
             curve
-            for curve in self.of(f"E{name[2]}{name[1]}")
+            for curve in self.of(mirrored(name))
             if not any(part in SQUARENESS_SLOPE for part in curve.parts)
         ]
         slope = straight_line_um_mm(plain[0]) if plain else 0.0
@@ -47,6 +66,41 @@ class Wanted:
             )
             for curve in self.of(name)
         ]
+
+
+def mirrored(name: str) -> str:
+    """Return the name of a function with input and output axis exchanged."""
+    return f"E{name[2]}{name[1]}"
+
+
+def angle_of(product: str) -> str:
+    """Return the angular function whose lever is the product, such as EAX for ``EYX*Z``; an empty
+    name where no angle moves the output axis with this lever.
+    """
+    turns = [
+        turn for axis, turn in zip("XYZ", "ABC", strict=True) if axis not in product[1::3]
+    ]
+    return f"E{turns[0]}{product[2]}" if len(turns) == 1 else ""
+
+
+def growing_um(field_um: Callable[[Vector], Vector], volume: Volume, name: str) -> Vector:
+    """Return the part of a field that grows with the lever of a product such as ``EYX*Z``, at the
+    nodes of its input axis, for the end of the lever.
+
+    The curves of single axes drop out: the mean of the lever is zero, and so is that of the part.
+    """
+    output, moving, by = ("XYZ".index(letter) for letter in (name[1], name[2], name[4]))
+    nodes = [volume.nodes_mm(axis) for axis in range(3)]
+    points = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1)
+    values = field_um(points.reshape(-1, 3))[:, output].reshape(points.shape[:3])
+    plane = np.mean(np.moveaxis(values, (moving, by), (0, 1)), axis=2)
+    lever = np.linspace(-1.0, 1.0, plane.shape[1])
+    return centred(plane @ lever) / np.sum(lever**2)
+
+
+def centred(values: Vector) -> Vector:
+    """Return values less their mean."""
+    return np.asarray(values - np.mean(values))
 
 
 def is_known(result: Result, name: str, fold: Mapping[str, str]) -> bool:

@@ -520,16 +520,14 @@ class TestExport:
         if known:
             export(result, "linuxcnc", of, out_dir=tmp_path / "files")
             return
-        with pytest.raises(
-            SafetyError, match="EXX: the old correction holds a slope"
-        ) as refused:
+        with pytest.raises(SafetyError, match="old table holds a slope") as refused:
             export(result, "linuxcnc", of, out_dir=tmp_path / "files")
-        assert refused.value.code == "old-table-lost.slope"
+        assert refused.value.code == "old-table-lost.slope-of-table"
         export(
             result,
             "linuxcnc",
             of,
-            accept=["old-table-lost.slope"],
+            accept=["old-table-lost.slope-of-table"],
             out_dir=tmp_path / "files",
         )
 

@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from stepdiag.base.volume import grid_points_mm
 from stepdiag.exporters.proof.change import Way, columns
 from stepdiag.exporters.safety.verdicts.lattice import parts_of
 from stepdiag.exporters.tables.lattice import lattice_of
+from stepdiag.exporters.tables.tables import mean_correction_um
 from testkit.exact.results import VOLUME, made_result
 
 ERRORS = {
@@ -28,3 +30,19 @@ def test_the_parts_of_a_lattice_are_seen_as_the_lattice_itself() -> None:
     off = sum(parts.values()) - held.correction_um(stops) @ way.along
     left = off - free @ np.linalg.lstsq(free, off, rcond=None)[0]
     assert np.max(np.abs(left)) < 0.5
+
+
+def test_a_bilinear_movement_is_a_product_only_once() -> None:
+    """The movement grows along both axes; the parts together move the tool by it, not by twice as
+    much."""
+
+    def moved_um(points_mm):
+        x, y, _ = points_mm.T
+        return np.stack([0.0 * x, 0.0 * x, x * y / 1e3], axis=1)
+
+    x, y, z = (VOLUME.nodes_mm(axis) for axis in range(3))
+    points = grid_points_mm(VOLUME, 5)
+    left_um = mean_correction_um(parts_of(moved_um, (x, y, z), VOLUME), points) - moved_um(
+        points
+    )
+    np.testing.assert_allclose(left_um, left_um[:1].repeat(len(points), axis=0), atol=1e-6)

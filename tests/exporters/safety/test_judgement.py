@@ -368,6 +368,22 @@ def test_products(factor, code):
     assert codes([table], profile_of("siemens", VOLUME), result) == {code}
 
 
+@pytest.mark.parametrize(
+    ("factor", "code"), [(1.0, "right"), (-1.0, "unlike"), (3.0, "scaled")]
+)
+def test_a_product_along_a_single_axis_is_judged_with_the_curve(factor, code):
+    """Values times a lever along the same axis move the axis as a curve does: both together hold
+    the request."""
+    tables, profile = tables_of()
+    (table,) = (table for table in tables if table.name == "EXX")
+    at, ends = table.position_mm, table.position_mm[[0, -1]]
+    lever = Multiplier(axis="X", position_mm=ends, value=np.array([0.5, 1.0]))
+    share = 6.0 * np.sin(np.linspace(0.0, 3.0, len(at)))
+    product = replace(table, value_um=factor * share, multiplier=lever)
+    curve = replace(table, value_um=table.value_um - share * lever.at(at))
+    assert codes([curve, product], profile) == {code}
+
+
 def test_limits_are_applied_to_files_from_anywhere():
     """A file that is right but beyond the control's own limits is not to be loaded."""
     tables, profile = tables_of()

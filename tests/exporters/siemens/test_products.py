@@ -2,6 +2,7 @@
 manual, chosen within its tables."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,6 +93,46 @@ def virtual_um(
 def planned(result: Result, of: Profile) -> tuple[ControlFile, ...]:
     fit = fitted(result)
     return SIEMENS.render(SIEMENS.plan_products(fit.curves, fit.products, of).tables, of)
+
+
+SPOILT = {
+    "values": lambda table: replace(table, value_um=table.value_um + 5.0),
+    "direction": lambda table: replace(table, direction=1),
+    "beyond the ends": lambda table: replace(table, law=replace(table.law, ends="extended")),
+    "lever": lambda table: (
+        table.multiplier
+        and replace(
+            table, multiplier=replace(table.multiplier, value=table.multiplier.value[::-1])
+        )
+    ),
+    "left out": lambda table: None,
+    "beside": lambda table: replace(table, place={"table": 90}),
+}
+
+
+@pytest.mark.parametrize("what", [*SPOILT, "nothing"])
+def test_files_that_hold_another_table_than_planned_are_not_written(
+    tmp_path, monkeypatch, what: str
+) -> None:
+    """The control reads one table of the written files differently; the machine has no own
+    files."""
+    read = Siemens.parse
+
+    def misread(control, files, of):
+        tables = read(control, files, of)
+        found = {table.name: table for table in tables}["EYX*Z"]
+        rest = [each for each in tables if each is not found or what == "beside"]
+        wrong = SPOILT.get(what, lambda table: table)(found)
+        return (*rest, *([] if wrong is None else [wrong]))
+
+    monkeypatch.setattr(Siemens, "parse", misread)
+    if what == "nothing":
+        export(drawn(3), "siemens", profile(), out_dir=tmp_path / "files")
+        return
+    with pytest.raises(SafetyError) as refused:
+        export(drawn(3), "siemens", profile(), out_dir=tmp_path / "files")
+    assert refused.value.code in ("file-unsound.read-back", "control-full.points")
+    assert not (tmp_path / "files").exists()
 
 
 class TestFiles:

@@ -5,36 +5,41 @@ Machines are drawn with errors of their own and surveyed twice, with noise: tabl
 first survey and judged by the second. Every table of every machine is then spoiled in each of the
 ways in which tables are wrong in practice, one at a time, and judged again. A mutant that leaves
 less than half of the error is no wrong table and does not count: a bow shifted by one point is
-nearly itself.
+nearly itself. Tables of products are counted by machines of their own, whose axes turn.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
+import msgspec
 import numpy as np
 
-from stepdiag.base.result.result import Function, Quantity, Result, Scale
+from stepdiag.base.result.result import ROTATIONS, Function, Quantity, Result, Scale
 from stepdiag.base.volume import Vector, Volume, rms
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.safety.verdicts.judge import judge, judge_missing
+from stepdiag.exporters.siemens.control import SiemensOptions
 from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
-from stepdiag.exporters.tables.tables import Table, summed_um
+from stepdiag.exporters.tables.tables import Multiplier, Table, summed_um
 
 VOLUME = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 NOISE_UM, NOISE_URAD = 0.3, 1.0
-SIZE_UM, LEAN_URAD = 6.0, 12.0
+SIZE_UM, LEAN_URAD, TURN_URAD = 6.0, 12.0, 20.0
 MACHINES = 200
 CONTROL = controller_named("siemens")
 PROFILE = quick_profile(CONTROL, VOLUME)
+OPTIONS = msgspec.structs.replace(PROFILE.options_as(SiemensOptions), products=True)
+MULTIPLYING = replace(PROFILE, options=OPTIONS)
 Change = Callable[[Table, Sequence[Table]], Table]
 
 
 def _other(table: Table, tables: Sequence[Table]) -> Table:
     """Return the table of the next function in the place of this one, stretched over its travel."""
-    other = tables[(tables.index(table) + 1) % len(tables)]
+    own = [each.name for each in tables].index(table.name)
+    other = tables[(own + 1) % len(tables)]
     along = [np.linspace(0.0, 1.0, len(each.value_um)) for each in (table, other)]
     return replace(table, value_um=np.interp(along[0], along[1], other.value_um))
 
@@ -52,7 +57,13 @@ MUTANTS: dict[str, Change] = {
         table, position_mm=table.position_mm + 0.37 * np.ptp(table.position_mm)
     ),
     "zeros": lambda table, _: replace(table, value_um=0.0 * table.value_um),
+    "lever turned": lambda table, _: replace(table, multiplier=_turned(table.multiplier)),
 }
+
+
+def _turned(lever: Multiplier | None) -> Multiplier | None:
+    """Return a multiplier that rises where it falls; None for a curve."""
+    return None if lever is None else replace(lever, value=lever.value[::-1])
 
 
 @dataclass(kw_only=True)
@@ -65,8 +76,8 @@ class Counted:
     codes: dict[str, int] = field(default_factory=dict)
 
 
-def surveys(seed: int) -> tuple[Result, Result]:
-    """Return two surveys of one drawn machine."""
+def surveys(seed: int, *, turning: bool = False) -> tuple[Result, Result]:
+    """Return two surveys of one drawn machine; the axes of a ``turning`` machine have angles."""
     dice, along = (
         np.random.default_rng((42, seed)),
         np.linspace(0.0, 1.0, VOLUME.increments + 1),
@@ -78,6 +89,11 @@ def surveys(seed: int) -> tuple[Result, Result]:
         for name in FUNCTIONS
     }
     leans = {name: LEAN_URAD * dice.normal() for name in ("C0Y", "B0Z", "A0Z")}
+    turns = {
+        name: TURN_URAD
+        * sum(dice.normal() / k * np.sin(np.pi * k * along) for k in (0.5, 1, 2))
+        for name in (ROTATIONS if turning else ())
+    }
 
     def survey() -> Result:
         return Result(
@@ -86,7 +102,10 @@ def surveys(seed: int) -> tuple[Result, Result]:
             method="drawn",
             setups={},
             findings=(),
-            errors={name: _function(name, values, dice) for name, values in truth.items()},
+            errors={
+                **{name: _function(name, values, dice) for name, values in truth.items()},
+                **{name: _angle(name, values, dice) for name, values in turns.items()},
+            },
             squareness={
                 name: Quantity(value=urad + NOISE_URAD * dice.normal(), u=NOISE_URAD)
                 for name, urad in leans.items()
@@ -109,6 +128,16 @@ def _function(name: str, values: Vector, dice: np.random.Generator) -> Function:
     )
 
 
+def _angle(name: str, values: Vector, dice: np.random.Generator) -> Function:
+    noisy = values + NOISE_URAD * dice.normal(size=values.shape)
+    return Function(
+        position_mm=VOLUME.nodes_mm("XYZ".index(name[2])),
+        value=noisy - noisy[0],
+        u=np.full(noisy.shape, NOISE_URAD),
+        unit="urad",
+    )
+
+
 def judged(result: Result, tables: Sequence[Table]) -> dict[str, str]:
     """Return the verdict on every function."""
     found = judge(result, tables, Standing(after=tuple(tables), new=tuple(tables)), PROFILE)
@@ -121,27 +150,40 @@ def judged(result: Result, tables: Sequence[Table]) -> dict[str, str]:
 def mutants(
     result: Result, tables: Sequence[Table]
 ) -> Iterator[tuple[str, str, list[Table]]]:
-    """Yield kind, function, and the set of tables with one that is wrong."""
-    errors = {curve.name: curve for curve in fitted(result).curves}
-    for index, table in enumerate(tables):
-        at = errors[table.name].position_mm
-        error = errors[table.name].at(at)
+    """Yield kind, function, and the set of tables with one that is wrong: a product where there
+    are products, else a curve.
+    """
+    fit = fitted(result)
+    parts = [(each.name, each.position_mm, each.mean_um) for each in fit.curves]
+    if any(table.multiplier for table in tables):
+        parts = [(each.name, each.position_mm, each.value_um) for each in fit.products]
+    errors = {name: (at, um) for name, at, um in parts}
+    alike = [table for table in tables if table.name in errors]
+    for table in alike:
+        at, error = errors[table.name]
+        others = [each for each in tables if each is not table]
         for kind, change in MUTANTS.items():
-            wrong = change(table, tables)
-            left = error + summed_um([wrong], at)
+            wrong = change(table, alike)
+            lever = table.multiplier is not wrong.multiplier
+            left = error + summed_um([wrong], at) * (-1.0 if lever else 1.0)
             if rms(left - np.mean(left)) > 0.5 * rms(error - np.mean(error)) > 0.5:
-                yield kind, table.name, [*tables[:index], wrong, *tables[index + 1 :]]
-        if rms(error - np.mean(error)) > 1.0:
-            yield "missing", table.name, [*tables[:index], *tables[index + 1 :]]
+                yield kind, table.name, [*others, wrong]
+        if table.multiplier is None and rms(error - np.mean(error)) > 1.0:
+            yield "missing", table.name, others
 
 
-def counted(machines: int, first: int = 0) -> tuple[int, dict[str, Counted]]:
-    """Return how many machines had a right table refused, and what became of every kind of
-    mutant."""
+def counted(
+    machines: int, first: int = 0, *, turning: bool = False
+) -> tuple[int, dict[str, Counted]]:
+    """Return how many machines had a right table refused, and what became of every kind of mutant:
+    of the products of ``turning`` machines, or of the curves of others."""
     refused, found = 0, {kind: Counted() for kind in (*MUTANTS, "missing")}
     for seed in range(first, first + machines):
-        made_from, by = surveys(seed)
-        tables = CONTROL.plan(fitted(made_from).curves, PROFILE).tables
+        made_from, by = surveys(seed, turning=turning)
+        fit = fitted(made_from)
+        tables = CONTROL.plan_products(
+            fit.curves, fit.products, MULTIPLYING if turning else PROFILE
+        ).tables
         refused += any(code not in ("right", "empty") for code in judged(by, tables).values())
         for kind, name, wrong in mutants(by, tables):
             code = judged(by, wrong).get(name, "missing")
@@ -153,12 +195,14 @@ def counted(machines: int, first: int = 0) -> tuple[int, dict[str, Counted]]:
 
 
 def print_rates(machines: int) -> None:
-    """Print the rates."""
-    refused, found = counted(machines)
-    print(f"right tables: {refused} of {machines} machines refused")
-    for kind, one in found.items():
-        codes = ", ".join(
-            f"{code} {count}"
-            for code, count in sorted(one.codes.items(), key=lambda each: -each[1])
-        )
-        print(f"{kind:22} {one.passed:5} of {one.tried:5} taken for right; {codes}")
+    """Print the rates of curves, then of products."""
+    for turning in (False, True):
+        refused, found = counted(machines, turning=turning)
+        print("products:" if turning else "curves:")
+        print(f"right tables: {refused} of {machines} machines refused")
+        for kind, one in found.items():
+            codes = ", ".join(
+                f"{code} {count}"
+                for code, count in sorted(one.codes.items(), key=lambda each: -each[1])
+            )
+            print(f"{kind:22} {one.passed:5} of {one.tried:5} taken for right; {codes}")

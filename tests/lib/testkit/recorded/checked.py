@@ -19,7 +19,6 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import (
     Case,
-    check_round_trip,
     refuse,
     run_checks,
     untested_kinds,
@@ -175,7 +174,6 @@ def cases() -> dict[str, Callable[[], Any]]:
         "reversal": _reversal,
         "quality": _quality,
         "sign": _sign,
-        "round-trip": _round_trip,
         "refusals": _refusals,
         "clean": _clean,
         "gate": _gate,
@@ -509,25 +507,6 @@ def _sign() -> Any:
     return found
 
 
-def _round_trip() -> Any:
-    planned = [table_of((0, 1, 2, 0)), table_of((0, 1, 2, 0), "EYX", kind="cec", direction=1)]
-
-    def of(*read: Table) -> list[str]:
-        return [said(item) for item in check_round_trip(planned, read)]
-
-    found: dict[str, Any] = {"the same": of(*planned), "nothing": of(), "one": of(planned[1])}
-    for um in (0.25, 0.5, 0.75, -0.5, -0.75, 7):
-        found[f"off by {um:g}"] = of(
-            replace(planned[0], value_um=planned[0].value_um + np.array([0, um, 0, 0])),
-            planned[1],
-        )
-    found["in two"] = of(table_of((0, 0.5, 1, 0)), table_of((0, 0.5, 1, 0)), planned[1])
-    found["of another kind"] = of(replace(planned[0], kind="cec"), planned[1])
-    found["not a number"] = of(table_of((0, np.nan, 2, 0)), planned[1])
-    found["turned"] = of(replace(planned[0], law=COMPENSATION), planned[1])
-    return found
-
-
 def _refusals() -> Any:
     one, two, three, note = (
         Finding(code="a-warning", severity="warning", text="first"),
@@ -616,9 +595,7 @@ def _gate() -> Any:
             previous=(),
             today=TODAY,
         )
-        return [
-            said(item) for item in gate_findings(case, read, Standing(after=read, new=read))
-        ]
+        return [said(item) for item in gate_findings(case, Standing(after=read, new=read))]
 
     right = table_of((-3.3, 0, 3.8, 8.5), quantum=0.1, reference=-100.0)
     found: dict[str, Any] = {

@@ -14,10 +14,10 @@ from stepdiag.base.volume import grid_points_mm
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.standing import Standing
-from stepdiag.exporters.safety.verdicts.case import NODES, TableCase, growing_um
+from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.lattice import judge_lattice
-from stepdiag.exporters.safety.verdicts.wanted import Wanted
+from stepdiag.exporters.safety.verdicts.wanted import Wanted, growing_um
 from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
@@ -420,10 +420,12 @@ def _fields() -> Any:
 
 def _parts() -> Any:
     """The grids at which fields are compared, and what of a field grows with a lever."""
-    points, values = grid_points_mm(VOLUME, NODES), None
-    values = (
-        points[:, 0] * points[:, 1] / 1e3 + 0.02 * points[:, 2] ** 2 - 0.3 * points[:, 1]
-    ).reshape(9, 9, 9)
+    points = grid_points_mm(VOLUME, 9)
+
+    def bent_um(at):
+        x, y, z = at.T
+        return np.stack([x * y / 1e3 + 0.02 * z**2 - 0.3 * y] * 3, axis=1)
+
     return {
         "grid": [points[0].tolist(), points[1].tolist(), points[-1].tolist(), len(points)],
         "drawn": [
@@ -431,7 +433,7 @@ def _parts() -> Any:
             for nodes in (2, 3, 5)
         ],
         "growing": [
-            growing_um(values, a, b).tolist() for a, b in ((0, 1), (1, 0), (0, 2), (2, 1))
+            growing_um(bent_um, VOLUME, name).tolist() for name in ("EXX*Y", "EYY*X")
         ],
     }
 
