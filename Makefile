@@ -10,6 +10,9 @@ UV := .tools/bin/uv
 STEPDIAG := $(VENV)/bin/stepdiag
 # what builds the wheel is checked by its hash, like everything else
 BUILD := --quiet --wheel --build-constraint tools/build.txt --require-hashes
+# what an environment imports, and no library's own tests: a daemon that compiles what it imports during its first seconds stands
+# still and misses the first stop. mypy is native code, and nobody imports fontTools, which matplotlib brings
+COMPILE := -m compileall -q -j 0 -x '/(tests|mypy|mypyc|fontTools)/'
 RELEASE ?= release
 MINUTES ?= 10
 
@@ -117,11 +120,10 @@ $(UV): tools/bootstrap tools/uv.txt
 	tools/bootstrap $(PYTHON)
 	touch $@
 
-# What `stepdiag` needs to run from this checkout, and what a developer wants beside it. Compiled here, because a daemon that
-# compiles what it imports during its first seconds stands still and misses the first stop.
+# What `stepdiag` needs to run from this checkout, and what a developer wants beside it.
 $(VENV)/.ready: pyproject.toml uv.lock | $(UV)
-	UV_PROJECT_ENVIRONMENT=$(VENV) $(UV) sync --frozen --quiet --all-extras --compile-bytecode --python $(PYTHON)
-	$(VENV)/bin/python -m compileall -q solver exporters daq stepdiag
+	UV_PROJECT_ENVIRONMENT=$(VENV) $(UV) sync --frozen --quiet --all-extras --python $(PYTHON)
+	$(VENV)/bin/python $(COMPILE) $(VENV)/lib solver exporters daq stepdiag
 	touch $@
 
 $(MUTANTS_VENV)/.ready: pyproject.toml uv.lock | $(UV)
@@ -130,10 +132,11 @@ $(MUTANTS_VENV)/.ready: pyproject.toml uv.lock | $(UV)
 
 # the same libraries, but stepdiag as the built wheel: what is tested is what is installed
 $(TEST_VENV)/.ready: pyproject.toml uv.lock $(shell find solver exporters daq stepdiag systemd -type f -not -path "*/__pycache__/*") | $(UV)
-	UV_PROJECT_ENVIRONMENT=$(TEST_VENV) $(UV) sync --frozen --quiet --all-extras --compile-bytecode --no-install-project --python $(PYTHON)
+	UV_PROJECT_ENVIRONMENT=$(TEST_VENV) $(UV) sync --frozen --quiet --all-extras --no-install-project --python $(PYTHON)
 	rm -rf dist
 	$(UV) build $(BUILD) --out-dir dist
-	$(UV) pip install --quiet --compile-bytecode --python $(TEST_VENV)/bin/python --no-deps --reinstall dist/stepdiag-*.whl
+	$(UV) pip install --quiet --python $(TEST_VENV)/bin/python --no-deps --reinstall dist/stepdiag-*.whl
+	$(TEST_VENV)/bin/python $(COMPILE) $(TEST_VENV)/lib
 	touch $@
 
 .setup/debian: tools/debian-packages tools/debian

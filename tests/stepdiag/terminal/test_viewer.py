@@ -16,6 +16,7 @@ from stepdiag.terminal.viewer import empty_table, print_words, shown, viewers_la
 from stepdiag.texts.texts import LANGUAGES, Language
 from testkit.cli import joined, stepdiag
 from testkit.german import is_english
+from testkit.planned import plan_once
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.csv"
 
@@ -94,6 +95,7 @@ def test_an_answer_fits_a_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     """Of 30 lines of 80 columns, without options."""
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr("testkit.cli.joined", lambda text: text)
+    plan_once(monkeypatch)
     readings, result, survey = (
         tmp_path / name for name in ("r.csv", "result.json", "s.toml")
     )

@@ -82,11 +82,11 @@ def test_the_search_finds_codes() -> None:
     assert {"mirror-misaligned", "value-large", "unplanned-setup"} <= codes
 
 
-@pytest.mark.parametrize("code", sorted({code.partition(".")[0] for code, _ in said()}))
-def test_every_code_is_explained(code: str) -> None:
+def test_every_code_is_explained() -> None:
     """No code without cause, cost and action; its documentation is written from the same file
     (tools/findings)."""
-    assert explained(code) is not None
+    codes = {code.partition(".")[0] for code, _ in said()}
+    assert sorted(code for code in codes if explained(code) is None) == []
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

@@ -17,6 +17,7 @@ from testkit.running.boot import (
     as_root,
     booted,
     debian_root,
+    forget_surveys,
     install_units,
     install_wheel,
     write,
@@ -68,11 +69,18 @@ def active_again(system, before):
     )
 
 
-def install(place):
-    """Install wheel, units and survey; return the root and the laser's line as the container is to
-    see it."""
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """The root file system with the wheel in it, installed once; no test writes to the program."""
     root = debian_root()
-    install_wheel(root, place.folder)
+    install_wheel(root, tmp_path_factory.mktemp("wheel"))
+    return root
+
+
+def install(root, place):
+    """Install units and survey beside the wheel; return the laser's line as the container is to see
+    it."""
+    forget_surveys(root)
     install_units(root, "hall", DROP_IN)
     laser = place.folder / "devices" / "laser"
     survey = place.survey.read_text().replace(
@@ -82,16 +90,16 @@ def install(place):
     line = laser.resolve()
     as_root("chgrp", DIALOUT, line)
     as_root("chmod", "660", line)
-    return root, f"{line}:/dev/ttyUSB0"
+    return f"{line}:/dev/ttyUSB0"
 
 
 @pytest.mark.timeout(600)
-def test_a_survey_goes_on_after_a_kill_a_hang_and_a_stop(tmp_path):
+def test_a_survey_goes_on_after_a_kill_a_hang_and_a_stop(installed, tmp_path):
     """With the handshake the machine waits at a stop while the daemon is away: nothing is missing
     in the end."""
     with hall(tmp_path, handshake=True, n=2) as place:
-        root, line = install(place)
-        with booted(root, "stepdiag-test", line) as system:
+        line = install(installed, place)
+        with booted(installed, "stepdiag-test", line) as system:
             unit = system.until(
                 UNIT,
                 lambda unit: (
@@ -193,14 +201,14 @@ walls of the process shut these, too (`test_walls`)."""
 
 
 @pytest.mark.timeout(600)
-def test_page_has_an_account_of_its_own_and_reaches_nothing(tmp_path):
+def test_page_has_an_account_of_its_own_and_reaches_nothing(installed, tmp_path):
     """A visitor starts it; it shows what the recorder says over a socket. An attacker in its unit,
     and then one in that of what publishes, changes nothing of the one survey that runs meanwhile:
     every stop is captured.
     """
     port = reserved_port()
     with hall(tmp_path, n=2, page=True, page_port=port) as place:
-        root, line = install(place)
+        root, line = installed, install(installed, place)
         survey = parse_survey((root / "etc/stepdiag/hall.toml").read_text(), "hall.toml")
         for path, text in drop_ins("hall", survey, Path("/etc/stepdiag")).items():
             write(root / path, text)

@@ -58,14 +58,7 @@ def debian_root(what="bookworm"):
 def install_wheel(root, folder):
     """Install stepdiag's wheel into /opt/stepdiag as docs/install.md says; its libraries are those
     of the tests, seen through a mount."""
-    as_root(
-        "rm",
-        "-rf",
-        root / "opt/stepdiag",
-        root / "var/lib/private/stepdiag",
-        root / "etc/stepdiag",
-        root / "var/log/journal",
-    )
+    as_root("rm", "-rf", root / "opt/stepdiag")
     as_root("chroot", root, "python3", "-m", "venv", "/opt/stepdiag")
     wheel = built_wheel(folder)
     as_root("cp", wheel, root / "opt" / wheel.name)
@@ -81,6 +74,17 @@ def install_wheel(root, folder):
     )
     write(
         root / "opt/stepdiag/lib/python3.11/site-packages/libraries.pth", "/opt/libraries\n"
+    )
+
+
+def forget_surveys(root):
+    """Remove surveys, what was recorded of them, and the journal."""
+    as_root(
+        "rm",
+        "-rf",
+        root / "var/lib/private/stepdiag",
+        root / "etc/stepdiag",
+        root / "var/log/journal",
     )
 
 
