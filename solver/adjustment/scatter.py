@@ -2,11 +2,11 @@
 
 Theory of operation. A reading differs from the model by two kinds of chance:
 
-    miss    each move of an axis ends beside its target by a miss along this axis. A standing axis
-    keeps its place: all stops
-            until its next move share its miss. Standard deviation: the repeatability of this axis.
-    noise   the laser's own scatter, stated by each stop, and beside it vibration and turbulence of
-    the setup, of each stop alone.
+    miss    Each move of an axis ends beside its target by a miss along this axis. A standing axis
+            keeps its place: all stops until its next move share its miss. Standard deviation: the
+            repeatability of this axis.
+    noise   The laser's own scatter, stated by each stop, and beside it vibration and turbulence of
+            the setup, of each stop alone.
 
 In a pass without overrun the axes reach the first stop from either side: the misses at its first
 stop have a separate size, which includes the backlash. Misses are unknowns of the adjustment, held
@@ -24,9 +24,11 @@ the logarithm of the likelihood is about (Foerstner 1979; exact in the end, when
     -1/2 (n log r + S / r),    r = 1 - w + w s^2 / s0^2
 
 where s replaces s0, and w is the share of s0^2 in the variance: the stated part of a noise does not
-change. Its largest value with the prior is the next round. Sizes that the readings tell apart badly
-come nearer by about the same share in each round: each step is extended by the steps that would
-follow it.
+change. Its largest value with the prior is the next round. A larger size also makes n larger: for r
+above one, n r stands for n log r, which bounds it from below, so that a size that the readings do
+not show does not leap to the assumed size and back. Sizes that the readings tell apart badly come
+nearer by about the same share in each round: each step is extended by the steps that would follow
+it.
 
 Before the search for wrong stops, S is n times a robust mean of the squares, which single stops
 hardly change.
@@ -248,9 +250,10 @@ def _most_likely(
         size = share * np.exp(2.0 * (log - before))
         ratio = 1.0 - share + size
         now, left = size / ratio, squares / ratio
-        # n itself grows with the size: a size that the readings do not show must not leap
+        # for a larger size, n r stands for n log r
         number = freedom * np.maximum(ratio, 1.0)
-        curved = 2.0 * now**2 * left + 2.0 * now * number * (ratio > 1.0)
+        of_number = np.where(ratio > 1.0, number, (1.0 - now) * freedom)
+        curved = 2.0 * now * (now * left + np.maximum(of_number - (1.0 - now) * left, 0.0))
         step = np.linalg.solve(
             np.diag(curved) + prior, now * (left - number) - prior @ (log - usual)
         )

@@ -10,9 +10,12 @@ from itertools import product
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.readings.readings import make_readings
+from stepdiag.solver.adjustment import adjustment, scatter
 from stepdiag.solver.adjustment.adjustment import adjust
 from stepdiag.solver.adjustment.diagnostics import scatter_findings
 from stepdiag.solver.model.layout import lay_out
@@ -204,3 +207,53 @@ def test_what_was_found_is_said_beside_what_was_assumed():
     assert said.severity == "info"
     assert f"repeats to {found.scatter.repeatability_um:.2g} µm" in said.text
     assert "assumed 0.5" in said.text
+
+
+@pytest.mark.parametrize("share", [1.0, 0.2])
+@pytest.mark.parametrize("grown", [0.1, 0.5, 1.0])
+def test_a_round_ends_where_readings_and_prior_balance(share, grown):
+    """Sizes that are too large: the gradient of the likelihood and the prior is zero there."""
+    setups, freedom = 3, 20.0
+    usual = np.log(np.array([0.5, 0.5, 0.5, 1.0, *[0.1] * setups]))
+    of_size = np.array([1.0] * 4 + [share] * setups)
+    squares = np.full(len(usual), grown * freedom)
+    found = scatter._most_likely(usual, usual, of_size, np.full(len(usual), freedom), squares)
+    ratio = 1.0 - of_size + of_size * np.exp(2.0 * (found - usual))
+    now = of_size * np.exp(2.0 * (found - usual)) / ratio
+    pull = scatter._prior_information(setups) @ (found - usual)
+    assert now * (squares / ratio - freedom) == pytest.approx(pull, abs=1e-4)
+    assert np.all(found <= usual + 1e-9)
+
+
+def test_a_size_that_no_reading_shows_does_not_leap_to_the_assumed_size():
+    """A thousandth of a degree of freedom: the prior alone would raise the size by e^6 at once."""
+    usual = np.log(np.array([0.5, 0.5, 0.5, 1.0, 0.1]))
+    before = usual - 6.0
+    freedom = np.full(len(usual), 1e-3)
+    found = scatter._most_likely(before, usual, np.ones(len(usual)), freedom, freedom)
+    assert np.all(found > before)
+    assert np.all(found < usual - 1.0)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(10.0, 1e6))
+def test_single_wrong_stops_hardly_change_the_robust_mean(seed, wrong):
+    square = np.random.default_rng(seed).normal(size=200) ** 2
+    spoilt = np.where(np.arange(200) < 10, wrong, square)
+    assert scatter._robust_mean(spoilt) < 1.35 * scatter._robust_mean(square)
+
+
+def test_the_rounds_of_ordinary_machines_end_before_the_last():
+    """Each fourth survey ended after the last round, wherever it was."""
+    rounds = []
+
+    def counted(*arguments, **options):
+        rounds[-1] += options["robust"]
+        return scatter.estimated(*arguments, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(adjustment, "estimated", counted)
+        for seed in range(6):
+            rounds.append(0)
+            clean = Bench(seed=seed, increments=6, **QUIET).survey(FULL, passes=(1, 2))
+            found_in(drawn(clean, seed, misses_um=0.3, noise_um=0.1))
+    assert max(rounds) < scatter.ROUNDS
