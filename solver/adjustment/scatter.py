@@ -77,6 +77,10 @@ _USUAL_RATE, _RATES = 0.3, (-1.0, 0.5)
 """Usual ratio of two successive steps, and the range of the ratio that extends a step: outside of
 it the ratio comes from the other sizes.
 """
+LEAST_SHOWN = 1.0
+"""Degrees of freedom of a size below which the readings do not show that it is larger than before:
+a single contradiction would appear as scatter.
+"""
 _LEAST_REDUNDANCY = 1e-6
 """Redundancy below which only rounding is left of a residual."""
 _MOST, _OF_NORMAL = 1.5, 0.778465
@@ -192,7 +196,7 @@ def estimated(
         np.exp(_most_likely(before.log_um, assumed.log_um, of_size, freedom, squares)),
         LEAST_U_UM,
     )
-    shown_freedom = np.where(freedom >= 1.0, freedom, 0.0)
+    shown_freedom = np.where(freedom >= LEAST_SHOWN, freedom, 0.0)
     return Scatter(
         misses_um=found[: FIRST + 1],
         noise_um=found[FIRST + 1 :],
@@ -223,7 +227,7 @@ def _shown(fit: AnyFit, rows: NDArray[np.int64], *, robust: bool) -> tuple[float
     freedom, squares = float(np.sum(redundancy)), float(np.sum(weighted))
     if robust and squares > 0.0:
         squares = freedom * _robust_mean(weighted / redundancy)
-    return freedom, squares
+    return freedom, squares if freedom >= LEAST_SHOWN else min(squares, freedom)
 
 
 def _robust_mean(square: Vector) -> float:

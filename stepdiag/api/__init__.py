@@ -4,7 +4,7 @@ effect; a log as numpy arrays; tables and plots of these objects.
     >>> from stepdiag.api import load_readings, solve
     >>> result = solve(load_readings(READINGS))
     >>> print(f"{result.squareness['C0Y'].value:.1f} urad")
-    -20.1 urad
+    -20.6 urad
 
 Everything in this module stays compatible from version to version; other functions may change.
 """

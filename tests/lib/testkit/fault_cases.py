@@ -135,7 +135,7 @@ CASES = (
         seed=2,
     ),
     Case("by 5 µm", OPEN, ("contradiction-ambiguous",), _one("slip", 3, 5.0)),
-    Case("by 2 µm", FILES, (), _one("slip", 3, 2.0)),
+    Case("by 2 µm", OPEN, ("contradiction-ambiguous",), _one("slip", 3, 2.0)),
     Case(
         "by 2 µm, driven out and back",
         OPEN,

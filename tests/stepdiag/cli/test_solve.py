@@ -33,13 +33,13 @@ class TestSolve:
         told = stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json", "--verbose")
         assert told.code == 0
         assert "volume 1000 x 800 x 500 mm" in told.out
-        assert float(cells(told.out, "EXX")[1]) == pytest.approx(16.22, abs=3.0), (
-            "range of the shape, um; unknown angles make u 7 um"
+        assert float(cells(told.out, "EXX")[1]) == pytest.approx(16.22, abs=4.0), (
+            "range of the shape, um; unknown angles make u 6 um"
         )
         assert cells(told.out, "EXX")[5] == "shape only"
         assert cells(told.out, "EYX")[5] == "yes"
         assert cells(told.out, "scale X") == ["scale X", "-", "-", "µm/m", "NO"]
-        assert float(cells(told.out, "C0Y")[1]) == pytest.approx(-20.0, abs=0.2)
+        assert float(cells(told.out, "C0Y")[1]) == pytest.approx(-20.0, abs=0.8)
         assert float(cells(told.out, "diagonal X-Y-Z- to X+Y+Z+ (ppp)")[1]) == pytest.approx(
             0.4, abs=0.05
         ), "the mirror's tilt in mrad"
