@@ -411,7 +411,8 @@ def test_a_survey_that_is_not_as_it_was_recorded_is_refused(tmp_path: Path) -> N
     whole = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "b.mcap").write_bytes(whole.replace(b"name = ", b"nane = ", 1))
     with pytest.raises(
-        DataError, match="expected the survey file as it was recorded, found another one"
+        DataError,
+        match="expected the survey file as it was recorded, found different content",
     ):
         open_log(tmp_path / "b.mcap")
 
