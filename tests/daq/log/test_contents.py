@@ -227,8 +227,10 @@ def foreign(path: Path, library: str, version: str = "1") -> Path:
         (
             "stepdiag 9.0",
             "2",
-            "expected log version 1, found 2; read the log with the version of stepdiag that "
-            "wrote it",
+            (
+                "expected log version 1, found 2; read the log with the version of stepdiag that "
+                "wrote it"
+            ),
         ),
         (
             "stepdiag 0.1",
