@@ -223,7 +223,7 @@ class Capture:
 
     def went_beyond(self) -> bool | None:
         """Return whether the machine was observed to overrun the last stop of its pass and to
-        return from the other side; None if it may have.
+        return from the other side; None if this is uncertain.
         """
         walk = self.walk
         if walk is None or walk.last is None or walk.last.stop < len(walk.route) - 1:

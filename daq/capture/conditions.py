@@ -44,7 +44,7 @@ CONDITIONS: Mapping[str, Message] = {
     "air_pressure_hpa": message("air-pressure-hpa"),
     "relative_humidity_percent": message("relative-humidity-percent"),
 }
-"""The names of the conditions in words."""
+"""The names of the conditions as messages."""
 COURSES: Mapping[str, Course] = {
     "material_temperature_c": Course(1.0, 5.0, "C"),
     "air_temperature_c": Course(2.0, 10.0, "C"),
@@ -78,7 +78,7 @@ class Credible(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Teller(Protocol):
-    """A source of air and material."""
+    """A source of readings of the air and of the material's temperature."""
 
     @property
     def conditions(self) -> Mapping[str, float]:

@@ -1,5 +1,5 @@
-"""A stop of a 4-DOF run: the head's stream determines its window, because the laser may not measure
-along this axis.
+"""A stop of a 4-DOF run: the time window of the stop is found in the stream of the head, because
+there may be no laser that measures along the axis of the run.
 
 The head is steady when its quadrant detector is steady. A slide that coasts to rest appears in the
 head's stream as vibration, not as travel; only Modbus reports that the machine stands.

@@ -96,7 +96,7 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def words(self) -> Words:
-        """Return the doubt in words, preceded by its place."""
+        """Return the message of the doubt, preceded by its place."""
         return at(self.at, self.why)
 
 

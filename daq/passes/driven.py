@@ -67,7 +67,7 @@ class Pass:
 
     @property
     def run(self) -> Message:
-        """Return the name of the pass in words."""
+        """Return the name of the pass as a message."""
         return run(self.route.setup, self.way)
 
     @property
@@ -283,8 +283,8 @@ class Pass:
         return not self.missing and all(each.is_stated for each in self.open_doubts())
 
     def why_doubtful(self) -> Words:
-        """Return the stops that may be wrong, the reasons, and the remedy, in words; empty without
-        an open doubt.
+        """Return a message with the stops that may be wrong, the reasons, and the remedy; empty
+        without an open doubt.
         """
         still = self.open_doubts()
         if not still:
@@ -305,7 +305,7 @@ class Pass:
         return message("stops-off", stops=stops, why=why, stop=self.again_from())
 
     def why_incomplete(self) -> Words:
-        """Return the missing or doubted stops and the remedy, in words; empty for a complete
+        """Return a message with the missing or doubted stops and the remedy; empty for a complete
         pass.
         """
         missing = self.missing

@@ -1,5 +1,5 @@
 """Sinks of a session's logs (`daq.recording.session.LogSink`) without a recorder: straight into
-files, or nowhere.
+files, or discarded.
 """
 
 from collections.abc import Callable

@@ -99,7 +99,7 @@ class LinkEvent(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def words(self) -> Words:
-        """Return the state of the link and its lost bytes, in words."""
+        """Return a message with the state of the link and its lost bytes."""
         return with_lost(self.detail, self.lost)
 
     @property
@@ -111,7 +111,7 @@ class LinkEvent(msgspec.Struct, frozen=True, gc=False):
 
 
 def with_lost(detail: Words, lost: Sequence[Words]) -> Words:
-    """Return the state of a link and its lost bytes, in words."""
+    """Return a message with the state of a link and its lost bytes."""
     return joined(
         [
             each

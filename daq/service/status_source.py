@@ -57,7 +57,7 @@ class Working:
     tally: Tally
     programs: Mapping[str, str] = field(default_factory=dict)
     alarms: Callable[[], Sequence[Words]] = tuple
-    """Returns the urgent alarms, in words."""
+    """Returns the messages of the urgent alarms."""
     corrects: tuple[str, ...] = ()
     """The lines of the survey file changed since the daemon read the file, if the driven passes
     remain valid.

@@ -54,7 +54,7 @@ of the count, because a beam cut and restored in the gap leaves no trace.
 """
 
 LINE_LOST, NOT_RECORDED = message("line-lost-once"), message("recording-part-missing")
-"""The two reasons why the laser was unwatched, in words."""
+"""The two reasons why the laser was unwatched, as messages."""
 
 
 @dataclass(frozen=True, slots=True)

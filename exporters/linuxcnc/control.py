@@ -408,8 +408,9 @@ def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
 
 
 def _partner(curve: Curve, curves: Sequence[Curve]) -> list[Curve]:
-    """Return the other curve of the pair of axes for a new coefficient; none if the coefficient
-    comes from an old table, which already contains both curves.
+    """Return the curve of the second function of the pair of axes, for a new squareness
+    coefficient; none if the coefficient comes from an old table, which already contains both
+    curves.
     """
     pair = [
         each

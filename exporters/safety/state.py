@@ -1,5 +1,5 @@
 """Theory of operation: the test whether the compensation was on while the machine was measured. The
-data decide together with the statement.
+data decide together with the statement of the survey file.
 
 An old table of a function was made from an error e, and may have k times the right size today. The
 survey's finding for this function is
@@ -22,11 +22,11 @@ If a single table among several fits the other state, for the size shown by the 
 was forgotten: a question names this table.
 
 A statement with odds of `CERTAIN` against it is refused; a statement with odds of `CERTAIN` for it
-counts as shown by the data. Between the two the data do not decide: a table of twice the size that
-is off and a table of two thirds that is on show the same share. With odds of `DOUBTED` against it,
-and for a single table in the other state, a person is asked; in any case the prediction is a
-promise only after a proof run. Functions are judged by kind of table, so that a single forgotten
-switch can be found.
+counts as shown by the data. Between the two the data do not decide: a table that is off and has
+twice the right size (k = 2) shows the share 1/2, as does a table that is on and has two thirds of
+it (k = 2/3). With odds of `DOUBTED` against it, and for a single table in the other state, a person
+is asked; in any case the prediction is a promise only after a proof run. Functions are judged by
+kind of table, so that a single forgotten switch can be found.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -186,8 +186,8 @@ def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
 
 
 def _significant(name: str, reversal: Function) -> bool:
-    """Return whether a reversal is significant at any position, and for a positioning function also
-    complete.
+    """Return whether a reversal is significant at any position; the reversal of a positioning
+    function must also be known at the first position.
 
     If the passes share no zero, a positioning function's reversal is only known relative to its
     first position (u = 0 there). Tables for each direction would omit the constant part, although

@@ -1,5 +1,5 @@
-"""The unbroken counts of a survey, and the residues of patterns on each after a fit: wrong
-readings, steps, walks, all at once; and the ways that were driven more than once.
+"""The unbroken counts of a survey, with the residues of patterns (wrong readings, steps, walks)
+after a fit, and the travels that were driven more than once.
 
 Computed once for a fit without causes; causes of any size are a small correction to it.
 """
@@ -33,9 +33,10 @@ class Count:
     driven again has in common with it; ``place`` (k,) numbers the targets, ``along_mm`` (k,) is the
     distance of each reading along the travel.
 
-    ``stop`` (k,) and ``step`` (k,) are h' W R h of a single reading and of all readings from one
-    on; ``walk`` (k, r) are the largest components of a random walk of 1 um a step, ``walked`` (r,
-    r) their residue.
+    A pattern h of the readings leaves the residue h' W R h: W are the weights, R removes the
+    unknowns. ``stop`` (k,) and ``step`` (k,) are the residues of a single reading and of all
+    readings from one on; ``walk`` (k, r) are the largest components of a random walk of 1 um a
+    step, ``walked`` (r, r) their residue.
     """
 
     rows: NDArray[np.int64]
@@ -53,8 +54,9 @@ class Way:
     """A travel of a setup with the readings ``rows`` (k,) of all its drives: ``pattern`` (k, c) has
     a column for each target that is reached more than once, and for each step there.
 
-    ``left`` (c,) is the residue h' W R h of each column after a fit without causes, ``whole`` (c,)
-    the same without any unknowns; ``named`` (c,) is the first reading at its target.
+    ``left`` (c,) is the residue h' W R h (`Count`) of each column h after a fit without causes,
+    ``whole`` (c,) is h' W h, the same without any unknowns; ``named`` (c,) is the first reading at
+    its target.
     """
 
     rows: NDArray[np.int64]
@@ -125,8 +127,8 @@ def _count(
     place: NDArray[np.int64],
     rows: NDArray[np.int64],
 ) -> Count:
-    """Return a count from W - W A C A' W among its rows, which is the residue of their readings
-    after a fit without causes; ``weight`` (k,) and ``among`` are W and A C A'.
+    """Return a count from the matrix W R = W - W A C A' W of its rows. ``weight`` (k,) is the
+    diagonal of W, ``among`` the covariance A C A' of its fitted readings (`_among_each`).
     """
     walk = walk_of(len(rows))
     own = weight**2 * among.diagonal()
@@ -183,8 +185,9 @@ def _way_of(fixed: Fit, driven: Sequence[Count]) -> Way | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Among:
-    """A C A' among the rows of a count, shape (k, k): The blocks on the diagonal are ``alike``,
-    with ``above`` on their upper side; ``across own' + own across'`` is added to both.
+    """The covariance A C A' of a count (`_among_each`), shape (k, k): the blocks on the diagonal
+    are ``alike``, with ``above`` on their upper side; ``across own' + own across'`` is added to
+    both.
     """
 
     alike: Vector
@@ -216,7 +219,8 @@ class _Among:
 
 
 def _among_each(fixed: Fit, every: Sequence[NDArray[np.int64]]) -> Iterator[_Among]:
-    """Yield A C A' among the rows of each count.
+    """Yield, for each count, the covariance A C A' of its fitted readings: A are the rows of the
+    count, C is the covariance of the unknowns.
 
     Two counts of the same pass, repeated, differ only in their zero and drift, each of which is
     common to all rows of its count: A = B + D, and B C B' is computed once for all of them, as long

@@ -42,8 +42,8 @@ REPEATS_UM = 5.0
 beam or a pass has moved.
 """
 TOO_LOW = 2.0
-"""A setup whose scatter exceeds the statement of its stops by this factor states too little; a
-difference of a fifth is chance.
+"""If the scatter of a setup exceeds the uncertainty stated for its stops by this factor, the stated
+uncertainty is too small; an excess of a fifth can be chance.
 """
 GREW_UM_M, GREW_SURE = 5.0, 3.0
 """Growth below half a kelvin of steel is no reason to warm the machine up."""

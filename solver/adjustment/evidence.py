@@ -93,8 +93,9 @@ DECIMALS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
-    """Of c patterns: ``shown`` (c,) = h' W r, ``seen`` (c, c) = h' W R h, ``whole`` (c,) the same
-    without any unknowns, and ``moved`` (count, c) the decrease of the unknowns for one unit of each
+    """Of c patterns h, in the symbols of the theory above: ``shown`` (c,) = h' V^-1 R y, ``seen``
+    (c, c) = h' V^-1 R h, ``whole`` (c,) = h' W h with the weights W of the readings, without any
+    unknowns or causes, and ``moved`` (count, c) the decrease of the unknowns for one unit of each
     pattern.
     """
 

@@ -136,7 +136,9 @@ def _passes_of(layout: Layout, every: Sequence[Fault]) -> tuple[str, ...]:
 
 
 def _of_walk(layout: Layout, walk: Fault) -> dict[str, Argument]:
-    """Return the arguments of a pass that wanders."""
+    """Return the arguments of the messages about a pass that wanders: its readings drift in a
+    random walk.
+    """
     first, last = (int(layout.stop[walk.rows[place]]) for place in (0, -1))
     passes = [
         layout.passes[int(number)].words

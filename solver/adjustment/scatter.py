@@ -2,11 +2,11 @@
 
 Theory of operation. A reading differs from the model by two kinds of chance:
 
-    miss    Each move of an axis ends beside its target by a miss along this axis. A standing axis
-            keeps its place: all stops until its next move share its miss. Standard deviation: the
-            repeatability of this axis.
-    noise   The laser's own scatter, stated by each stop, and beside it vibration and turbulence of
-            the setup, of each stop alone.
+    miss    the distance along an axis by which a move of this axis ends beside its target. The axis
+            stands there until its next move, so all stops until then share the miss. Its standard
+            deviation is the repeatability of the axis.
+    noise   the scatter of each stop alone: the laser's, which each stop states, and in addition the
+            vibration and turbulence of the setup.
 
 In a pass without overrun the axes reach the first stop from either side: the misses at its first
 stop have a separate size, which includes the backlash. Misses are unknowns of the adjustment, held
@@ -295,8 +295,8 @@ def unshown(found: Scatter, layout: Layout) -> Sequence[str]:
 
 
 def separated(layout: Layout) -> NDArray[np.bool_]:
-    """Return for every setup whether it separates noise from misses: most of its readings share the
-    miss of a move with another reading, shape (setups,).
+    """Return for every setup whether its readings separate noise from misses, shape (setups,): most
+    of its readings share the last move of an axis, and so its miss, with another reading.
 
     In a run along an axis each reading follows its own move, so noise and poor repeatability have
     the same pattern there.

@@ -79,7 +79,7 @@ class Layout:
         return len(self.stop)
 
     def place(self, row: int) -> Message:
-        """Return the name of a reading in words: setup, pass and stop."""
+        """Return the name of a reading as a message: setup, pass and stop."""
         key = self.passes[int(self.pass_index[row])]
         return message(
             "stop-of-setup", setup=key.setup, number=key.number, stop=int(self.stop[row])

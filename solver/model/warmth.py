@@ -3,7 +3,7 @@ adjustment.
 
 Each reading is reduced to the mean temperature of the survey with the assumed expansion
 coefficients, so that the result is valid for one temperature. The uncertainty of the coefficients
-is an effect of the adjustment (`solver.model.effects`).
+enters the adjustment as one of its random effects (`solver.model.effects`).
 """
 
 from dataclasses import replace

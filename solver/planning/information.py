@@ -17,11 +17,12 @@ With the precision Q of the usual sizes of the machine's class the covariance of
 J_2 + .. + Q)^-1``: one inversion for some 190 unknowns, in a millisecond, gives the uncertainty
 after the survey. Q limits every function to its usual size, so a further setup never increases C.
 
-The error at points of the volume, without rigid motion, is ``F' K m``; its mean square is ``tr(C H)
-+ floor`` with ``H = K F F' K'``. A control with nine tables corrects only the functions of a single
-axis: with the projection T of a field on the space of tables, ``H = K F T F' K'``, and the floor is
-the effect of the usual angular functions that remains after any survey. A control with a lattice
-table has no floor.
+``K m`` are the values of the machine's functions, and F the effect of a unit of each value on the
+error at points of the volume, without rigid motion. This error is ``F' K m``; its mean square is
+``tr(C H) + floor`` with ``H = K' F F' K``. A control with nine tables corrects only the functions
+of a single axis: with the projection T of a field on the space of tables, ``H = K' F T F' K``, and
+the floor is the effect of the usual angular functions that remains after any survey. A control with
+a lattice table has no floor.
 """
 
 from collections.abc import Mapping

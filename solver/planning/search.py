@@ -3,7 +3,7 @@ or replaces a line by another (Fedorov 1972, Cook and Nachtsheim 1980).
 
 The information of lines adds up (`solver.planning.information`), so only the choice of lines has to
 be searched. If C is the covariance of the unknowns without a line of information ``B B'``, the line
-lowers the mean square ``tr(C H)`` over the volume by
+lowers the mean square error over the volume, ``tr(C H)`` with H of that module, by
 
     tr((1 + B' C B)^-1 B' C H C B)                 (1 - B' C B for its removal)
 

@@ -1,10 +1,11 @@
 """The uncertainty of unknowns and amounts of causes after the adjustment: variances of any
 combination, from the readings alone and from all causes.
 
-``combination @ unknowns + on_causes @ amount`` has the variance ``K C K' + T M T'`` with ``T =
-on_causes - K taken``: C is the covariance of the unknowns for known causes, M the covariance of the
-amounts. M also includes the uncertainty of the causes' sizes: it is summed over the sizes that
-remain likely by the readings and the prior (law of total variance; `solver.linear.families`).
+``combination @ unknowns + on_causes @ amount`` has the variance ``K C K' + T M T'`` with K the
+``combination`` and ``T = on_causes - K taken``: C is the covariance of the unknowns for known
+causes, M the covariance of the amounts. M also includes the uncertainty of the causes' sizes: it is
+summed over the sizes that remain likely by the readings and the prior (law of total variance;
+`solver.linear.families`).
 """
 
 from dataclasses import dataclass

@@ -178,7 +178,7 @@ def way_of(way: Way) -> Message:
 
 
 def run(setup: str, way: Way) -> Message:
-    """Return a pass in words: its setup and its direction."""
+    """Return the name of a pass as a message: its setup and its direction."""
     return message("run", setup=setup, way=way_of(way))
 
 

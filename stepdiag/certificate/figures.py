@@ -43,9 +43,7 @@ ISO_230_2 = (
 
 
 COVARIANCE_DECIMALS = 6
-"""Decimals of a covariance in square micrometres or square microradians: a thousandth of U squared
-for a U of a tenth.
-"""
+"""Decimals of a covariance in um^2 or urad^2: 1e-6 is less than a thousandth of u^2 for U = 0.1."""
 
 
 class Figure(NamedTuple):

@@ -82,10 +82,9 @@ def certify_folder(folder: Path) -> Path:
     """Write the certificate of a finished survey beside its logs, on request of the page; return
     its path.
 
-    The certificate names the files of every export, and a separate report (``certificate.html``)
-    with the data of the laboratory from ``laboratory.toml``, if this file is in the folder of the
-    survey or in a folder above. An existing certificate is kept: the name of the new one gets a
-    number.
+    The certificate lists the files of every export. A separate report (``certificate.html``) is
+    written too, with the data of ``laboratory.toml`` if that file is in the folder of the survey or
+    in the folder above. An existing certificate is kept: the name of the new one gets a number.
     """
     from stepdiag.base.files import read_text
     from stepdiag.base.result.result import result_in

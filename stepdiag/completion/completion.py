@@ -225,7 +225,9 @@ def _write_readings(out: Path, text: str) -> None:
 
 
 def _require_settled(replayed: Replayed, out: Path) -> None:
-    """Raise DataError for an open doubt, and write the doubt into ``judged.jsonl``."""
+    """Raise DataError if a doubt of the replayed survey is still open, after writing the doubts
+    into ``judged.jsonl``.
+    """
     still = replayed.book.doubts()
     if not still:
         return

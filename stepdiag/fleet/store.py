@@ -2,17 +2,14 @@
 completely, once, and never changed.
 
     stepdiag-store.json                            which layout
-    machine=<id>/year=<y>/<survey>/...             the files of a survey, and their hashes in
-    archived.json
-    machine=<id>/year=<y>/<survey>.parquet         its numbers; written last: without it a survey is
-    not there
-    machine=<id>/year=<y>/<survey>@<software>/...  solved anew; with its <survey>@<software>.parquet
-    series.index                                   every quantity of every survey, in one file, for
-    speed; made again at any time
+    machine=<id>/year=<y>/<survey>/...             the files of a survey; archived.json
+    machine=<id>/year=<y>/<survey>.parquet         its figures; a survey is complete with this file
+    machine=<id>/year=<y>/<survey>@<software>/...  solved again, with its .parquet
+    series.index                                   all figures, for speed
 
-Every byte behind a figure belongs to a hash that is compared: `archived.json` states the hash of
-the survey's files and of its table, and has a canonical form itself; the index begins with the hash
-of its remaining bytes.
+Every byte behind a figure belongs to a hash that is compared: `archived.json` holds the hashes of
+the survey's files and of its parquet table, in a canonical form, so that no byte of it can change
+unnoticed; the index begins with the hash of its remaining bytes.
 
 Two writers at once do not disturb each other: they write under different names, and rename. Names
 of machines are percent-encoded.
@@ -259,7 +256,8 @@ class Store:
                 if self.is_local
                 else self._files.glob(f"{self.root}/machine=*/year=*/*{TABLE_SUFFIX}")
             )
-            found = list(known)  # this step reads a folder, so that an error names the folder
+            # the folders are read here, so that `refusing` can name the store in an error
+            found = list(known)
         return sorted(map(_place_of_path, map(str, found)))
 
     def json(self, name: str) -> Any:

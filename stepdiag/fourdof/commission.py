@@ -44,8 +44,8 @@ FARTHEST_MM = 0.35
 axis reached it from the other side.
 """
 LONG_S = 8.0
-"""Duration in s from which a standstill is the wobble or a wait: the pointing of the beam changes
-in this time, so each tenth of a second is a separate row.
+"""Least duration in s of a standstill in which the laser is wobbled by hand or the program waits:
+the beam's direction changes meanwhile, so each `ROW_S` is a row of the regression.
 """
 ROW_S = 0.1
 MOST_ROWS = 400

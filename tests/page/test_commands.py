@@ -195,12 +195,12 @@ def test_a_refusal_says_why(watched: Watched, daemon: Served) -> None:
     daemon.do(lambda: daemon.survey.publish(phase="paused"))
     page.locator("#start").click()
     expect(page.locator("#answer")).to_have_text(
-        "Refused: start: expected paused by the operator, found one that runs"
+        "Refused: start: expected paused by the operator, found a daemon that runs"
     )
     page.locator("#language").click()
     page.locator("#start").click()
     expect(page.locator("#answer")).to_have_text(
-        "Abgelehnt: start: erwartet war vom Bediener angehalten, gefunden eine laufende"
+        "Abgelehnt: start: erwartet war vom Bediener angehalten, gefunden ein Dienst, der läuft"
     )
     watched.complaints = [one for one in watched.complaints if "409" not in one]
 

@@ -29,19 +29,19 @@ Likelihood. Every coordinate scatters by `PLACED_MM` about its hypothesis, or fa
 `FAILURE` and lies anywhere within `RANGE_MM`; every step of the laser likewise, by the noise of a
 step in the chain (`naming.route.step_noise_mm`). A free number fitted to the standstills (an
 offset, a length) costs ln(RANGE_MM / PLACED_MM), the price of its search (Occam's factor, MacKay
-2003, chapter 28); a cause costs `FAULT`, the prior odds against a wrong statement. "The file is
-right"
-costs nothing; each standstill that is not the next stop (a feed hold, a stop driven twice or not
-seen) costs `FAILURE`, over the best path of stops: a single odd standstill is no cause over a whole
-pass, two or three explained by a common line are.
+2003, chapter 28); a cause costs `FAULT`, the prior odds against a wrong statement. The hypothesis
+that the file is right costs nothing; each standstill that is not the next stop (a feed hold, a stop
+driven twice or not seen) costs `FAILURE`, over the best path of stops: a single odd standstill is
+no cause over a whole pass, two or three explained by a common line are.
 
 Decision. From the third standstill on, a cause is named when it is e^`FAILURE` times as likely as a
 right file and as every cause that changes another line, so that one failed observation cannot name
 a cause, and when the laser has confirmed two of its steps. Of two causes with equal fit, neither is
-named as the cause: a finding states both lines and the next move that separates them. A pass whose
-steps fit the file is not judged again once every axis has moved, and no pass is judged again after
-`LAST` standstills. One pair stays open until the pass ends: without positions a pass that begins at
-its second stop makes the steps of another order of axes. The number of stops at its end decides.
+named as the cause: a finding states both lines and the next move that separates them. A pass is
+judged again at each standstill; the judgement ends after `LAST` standstills, or, if the steps fit
+the survey file, as soon as every axis has moved. One pair of causes stays open until the pass ends:
+without positions a pass that begins at its second stop makes the steps of another order of axes.
+The number of stops at its end decides.
 
 Findings explained by a named cause are not raised at single stops (`EXPLAINED`). The machine's
 signals, not this module, name the stops; after a correction of the file the stops are named again

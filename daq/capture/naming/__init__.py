@@ -1,14 +1,14 @@
-"""The only place that assigns the standstills of a pass to stops.
+"""The names of standstills: each standstill of a pass is assigned to a stop, here alone.
 
 Theory of operation
 -------------------
 A pass is a hidden Markov chain (Rabiner 1989) over its standstills. The hidden state of a
 standstill is (pass, stop, approach): the pass is a setup in one direction; the stop is a place on
-its route; the approach is the step of the plan, a step that is not the plan's (astray), or none:
-the machine stands nowhere, after the stop before. `walk.Chain` follows the most probable path
-standstill by standstill (Viterbi 1967). The name of a standstill is the end of the best path. The
-margin is the logarithm of the odds of that path against the best path with another end; a small
-margin is a doubt.
+its route; the approach is the step of the plan, a step outside the plan (astray), or none: then the
+machine stands at no stop, and the stop of the state is the last one that it reached. `walk.Chain`
+follows the most probable path standstill by standstill (Viterbi 1967). The name of a standstill is
+the end of the best path. The margin is the logarithm of the odds of that path against the best path
+with another end; a small margin is a doubt.
 
 Moves. The step to the next stop has no cost. Every other move is a fault with a rate: a stop that
 is not seen, the same stop again, the first stop again, the last stop, where the program of the
@@ -20,12 +20,12 @@ Observations. Each observation has a noise and a rate of failure, and is omitted
 does not show it. So one chain serves machines with all registers, with the stop bit alone, and
 without signals.
 
-    position    the plan's position of the stop; anywhere for a standstill nowhere
+    position    the plan's position of the stop; any position for a standstill at no stop
     counter     the number of stops since the standstill before; a counter that was wrong once may
                 stay wrong
     laser       the reading of the same stop in the same count, else the reading of a known stop and
                 the nominal way from it. A lost count is an observation without memory: the readings
-                before the loss are ignored. A reading that fits nowhere begins a new memory
+                before the loss are ignored. A reading that fits no stop begins a new memory
     marker      a counter
     time        how long a standstill lasts: `standing` makes standstills of plateaus, `by_laser`
                 leaves out the short ones

@@ -123,8 +123,8 @@ class PassFinder:
         return finding("error", text)
 
     def _begin(self, setup: str, signals: Signals, reading_mm: float | None) -> Walk:
-        """Return the walk of the pass that goes on, or of the pass in the other direction where the
-        second is more probable.
+        """Return the walk of the pass that goes on, or of the pass in the other direction if that
+        pass is more probable.
         """
         hint = self._start.hints[setup]
         *begins, path = self._paths(setup, signals, reading_mm)

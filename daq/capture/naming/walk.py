@@ -75,8 +75,9 @@ class Look:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Path:
-    """A path up to a standstill: its logarithm of probability, its pass as a place in the chain's
-    routes, and its last stop, -1 before the first.
+    """A path up to a standstill: the logarithm of its probability (``score``), the index of its
+    pass in the chain's list of routes (``way``), and the index of its last stop (-1 before the
+    first).
 
     ``nowhere``: the machine stands at no stop; ``astray``: the step to the stop is not a step of
     the plan. ``known`` are the readings of stops in the laser's present count, ``left_mm`` is the
@@ -261,7 +262,7 @@ def _moves(path: Path, shown: NDArray[np.bool_], *, lost: bool) -> Costs:
 
 def _counted(path: Path, look: Look, stops: int) -> tuple[NDArray[np.bool_], Costs, float]:
     """Return the stops that the counter shows and the cost of the counter at every stop, each of
-    shape (stops,), and the cost of the counter nowhere.
+    shape (stops,), and the cost of the counter for a standstill at no stop.
     """
     if look.count is None or path.count is None or (path.stop == -1 and not path.nowhere):
         # between two logs the counter may increase by any number
@@ -328,7 +329,7 @@ class Walk:
 
     @property
     def name(self) -> str:
-        """Return the pass in words."""
+        """Return the name of the pass: its setup and its direction."""
         return f"{self.route.setup} {'out' if self.route.outward else 'back'}"
 
     @property

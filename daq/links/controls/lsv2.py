@@ -54,7 +54,7 @@ class Lsv2Settings:
 
     @property
     def address(self) -> str:
-        """Address of the control in words."""
+        """Address of the control as a text for messages."""
         return f"LSV2 {self.host}:{self.port}"
 
 

@@ -77,7 +77,7 @@ class TcpSettings:
 
     @property
     def address(self) -> str:
-        """The device in words."""
+        """Address of the device as a text for messages."""
         return f"Modbus {self.host}:{self.port} unit {self.unit}"
 
 
@@ -97,7 +97,7 @@ class RtuSettings:
 
     @property
     def address(self) -> str:
-        """The device in words."""
+        """Address of the device as a text for messages."""
         return f"Modbus {self.port} unit {self.unit}"
 
 

@@ -141,7 +141,9 @@ def _end(rest: asyncio.Future[None] | None) -> None:
 
 
 def _describe(link: MachineLink, settings: MachineSettings) -> Words:
-    """Return the control's address, the refused ranges, and the delay of the answers, in words."""
+    """Return a message with the control's address, the refused ranges, and the delay of the
+    answers.
+    """
     late = link.lateness.words
     if not (late or link.refusals):
         return settings.address

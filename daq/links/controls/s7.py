@@ -70,7 +70,7 @@ class S7Settings:
 
     @property
     def address(self) -> str:
-        """Address of the control in words."""
+        """Address of the control as a text for messages."""
         return f"S7 {self.host}:{self.port} rack {self.rack} slot {self.slot}"
 
 

@@ -57,7 +57,7 @@ class ComPort:
 
     @property
     def agreed(self) -> Message:
-        """Return the accepted settings in words."""
+        """Return the accepted settings as a message."""
         line = self._settings
         return message(
             "line-agreed",

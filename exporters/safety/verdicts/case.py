@@ -59,12 +59,12 @@ class TableCase:
         )
 
     def fit(self, curve: Curve, shift_mm: float = 0.0, turn_um_mm: float = 0.0) -> Fit | None:
-        """Return the regression on a curve; None if the table does not cover half of the measured
-        travel.
+        """Return the regression of the table's correction on the correction that ``curve``
+        requests; None if the table covers less than half of the measured travel.
 
         A right table contains, at its own points, the sum of all earlier tables and of the
-        requested curve; between its points straight lines are accepted. ``turn_um_mm`` is the
-        addition of a turn of the workpiece to the slope of the curve, which is no error.
+        requested curve; between its points straight lines are accepted. ``turn_um_mm`` is the slope
+        that a mere rotation of the workpiece adds to the table, which is no error.
         """
         own = (
             curve.position_mm[[0, -1]] if self.is_slope else self.table.position_mm + shift_mm

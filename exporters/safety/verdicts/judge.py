@@ -138,11 +138,12 @@ def _fits(
 
 
 def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
-    """Return, for each two functions of a pair of axes with tables for both, the slopes in um/mm
-    that are a turn of the workpiece.
+    """Return, for each pair of axes whose two straightness functions both have tables, the slopes
+    in um/mm that together only rotate the workpiece.
 
-    Old tables, levers and the choice of the function that holds a squareness move such a turn from
-    calibration to calibration: the turn raises a function by as much as it lowers the other.
+    Old tables, levers and the choice of the function that holds a squareness change this rotation
+    from calibration to calibration: it raises the slope of one function by as much as it lowers the
+    slope of the other function.
     """
     left = {
         case.table.name: case.slope_left_um_mm(curves[0])

@@ -1,5 +1,5 @@
-"""A lattice judged function by function: its addition is separated into curves, the means over the
-other two axes, and products, the parts that grow with a lever.
+"""A lattice judged function by function: the correction that it adds is separated into curves
+(means over the other two axes) and products (parts proportional to a lever).
 
 Together they are the best tables for the lattice (`tables.fit`), so the verdicts are those of
 tables.

@@ -34,8 +34,8 @@ class Wanted:
     def of(self, name: str) -> list[Curve]:
         """Return the forms of the request for a function, none if the result does not identify it.
 
-        The request for a product, such as ``EYX*Z``, is the part of the error that grows with the
-        lever; a product with a lever along its own axis is a curve.
+        The request for a product, such as ``EYX*Z``, is the part of the error that is proportional
+        to the lever; a product with a lever along its own axis is a curve.
         """
         if "*" not in name or name[2] == name[-1]:
             return self._curves[name[:3]]
@@ -84,10 +84,11 @@ def angle_of(product: str) -> str:
 
 
 def growing_um(field_um: Callable[[Vector], Vector], volume: Volume, name: str) -> Vector:
-    """Return the part of a field that grows with the lever of a product such as ``EYX*Z``, at the
-    nodes of its input axis, for the end of the lever.
+    """Return the part of a field that is proportional to the lever of a product such as ``EYX*Z``:
+    its values at the end of the lever, at the nodes of the input axis.
 
-    The curves of single axes drop out: the mean of the lever is zero, and so is that of the part.
+    The curves of single axes drop out, because the mean of the lever is zero. The mean of the part
+    is subtracted.
     """
     output, moving, by = ("XYZ".index(letter) for letter in (name[1], name[2], name[4]))
     nodes = [volume.nodes_mm(axis) for axis in range(3)]

@@ -16,7 +16,8 @@ from stepdiag.base.volume import Vector, Volume, irregular_mm, nodes_to_mm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """A run of a survey: its setup, its number of repeats out (and back), and its line.
+    """A run of a survey: its setup, the number of its passes out (and back), and its line of
+    measurement.
 
     ``beam_offset_mm``: distance of the run's line from the usual line of the setup. An axis that
     stands still is at this distance from its low end; across the moving axes, the beam is shifted

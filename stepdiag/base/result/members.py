@@ -242,7 +242,7 @@ class UnseenSlip:
 
     @property
     def where(self) -> Words:
-        """Return the place of the slip in words: the way to a stop of a pass."""
+        """Return the place of the slip as a message: the move to a stop of a pass."""
         return where(Place(setup=self.setup, pass_number=self.pass_number, stop=self.stop))
 
 

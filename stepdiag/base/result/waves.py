@@ -1,4 +1,4 @@
-"""Waves of a function that are too short for its values: their possible size between the
+"""Waves of a function that are too short to show in its values: their possible size between the
 targets.
 """
 
@@ -45,9 +45,10 @@ OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
 smooth curve than so few values show, because their waves are no longer than two increments.
 """
 _AT_ENDS = 4.3
-"""Sum of the squared differences in the four end cells, in squares of the difference of a parabola
-through three values. The spline follows waves less well in its two cells at either end: by 1.34 and
-0.59 of the difference of that parabola (computed for waves of 2.2 to 5 increments).
+"""Sum of the squared differences between waves and their spline in the four end cells, in squares
+of the difference between the waves and a parabola through three values. The spline differs from
+waves by 1.34 times that difference in the first cell from either end, and by 0.59 times in the
+second (computed for waves of 2.2 to 5 increments).
 """
 _SEEN, _ALIASED = 0.6, 0.45
 """Cosines of half the turn of a wave from value to value. Waves down to 3.4 increments appear with

@@ -227,7 +227,10 @@ def foreign(path: Path, library: str, version: str = "1") -> Path:
         (
             "stepdiag 9.0",
             "2",
-            "expected log version 1, found 2; read it with the version of stepdiag that wrote it",
+            (
+                "expected log version 1, found 2; read the log with the version of stepdiag that "
+                "wrote it"
+            ),
         ),
         (
             "stepdiag 0.1",
@@ -411,7 +414,8 @@ def test_a_survey_that_is_not_as_it_was_recorded_is_refused(tmp_path: Path) -> N
     whole = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "b.mcap").write_bytes(whole.replace(b"name = ", b"nane = ", 1))
     with pytest.raises(
-        DataError, match="expected the survey file as it was recorded, found another one"
+        DataError,
+        match="expected the survey file as it was recorded, found different content",
     ):
         open_log(tmp_path / "b.mcap")
 

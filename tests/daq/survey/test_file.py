@@ -498,8 +498,8 @@ def test_a_counter_that_never_repeats_is_said_with_nought() -> None:
     assert settings.counter_modulus is None
     with pytest.raises(
         UsageError,
-        match=r"laser\.line\.counter_modulus: expected 0 \(it never repeats\) or 2 and more, "
-        r"found 1",
+        match=r"laser\.line\.counter_modulus: expected 0 \(the counter never repeats\) or 2 and "
+        r"more, found 1",
     ):
         parse_survey(text.replace("counter_modulus = 65536", "counter_modulus = 1"), "s")
 

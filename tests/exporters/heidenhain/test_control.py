@@ -135,7 +135,7 @@ def test_columns_that_are_too_narrow_are_refused():
 def test_the_spacing_of_old_controls_is_a_power_of_two():
     """TNC 407 p. 153: 7 mm wanted, 2^16 x 0.1 µm = 6.5536 mm possible."""
     with pytest.raises(
-        SafetyError, match=r"found 100 mm; the nearest are 52\.4288 and 104\.858 mm"
+        SafetyError, match=r"found 100 mm; the nearest values are 52\.4288 and 104\.858 mm"
     ):
         files_of(profile("tnc4xx"))
     fitting = Volume(
@@ -199,7 +199,8 @@ def test_damaged_and_foreign_files_are_named():
         parse(("AXIS_AX1.COM", text.replace("+0.0000", "+0.0010", 1)))
     with pytest.raises(
         DataError,
-        match=r"CONFIG\.CMA: expected AXIS_AX1\.COM, which it calls for AX1, found OTHER_AX1\.COM",
+        match=r"CONFIG\.CMA: expected AXIS_AX1\.COM, the table that the \.CMA file names for AX1, "
+        r"found OTHER_AX1\.COM",
     ):
         parse(("OTHER_AX1.COM", text), ("CONFIG.CMA", files["CONFIG.CMA"].data.decode()))
     with pytest.raises(DataError, match=r"a name that ends with an axis"):

@@ -103,7 +103,7 @@ def test_readings_at_both_temperatures_are_never_mixed():
     with pytest.raises(
         DataError,
         match=r"mine\.csv: setup \w+, pass 1, stop \d+: expected at_20_c = 1 in "
-        r"every row, as in the others",
+        r"every row, as in the other rows",
     ):
         solve(mixed, source="mine.csv")
     with pytest.raises(DataError, match=r"at_20_c: expected 1 or 0, found 'yes'"):

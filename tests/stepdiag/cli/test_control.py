@@ -122,7 +122,7 @@ class TestExport:
         )
         told = stepdiag(*arguments)
         assert told.code == 5
-        assert "accept it by its name: value-large" in told.refusal
+        assert "accept this finding by its code: value-large" in told.refusal
         assert not (tmp_path / "out").exists()
         assert stepdiag(*arguments, "--accept", "value-large").code == 0
 
@@ -274,7 +274,8 @@ class TestVerify:
         )
         assert "cec: a positive value moves the axis in - (as-error)" in told.out
         assert (
-            "does not identify it: the scale of X, the scale of Y, the scale of Z" in told.out
+            "does not identify these quantities: the scale of X, the scale of Y, the scale of Z"
+            in told.out
         )
         assert "worse-after" not in told.out
 

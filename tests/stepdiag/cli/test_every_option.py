@@ -808,7 +808,7 @@ def test_when_and_how_files_were_read_out_needs_the_files(given, state, shop):
 def test_a_scheduler_has_workers_of_its_own(tmp_path):
     told = stepdiag("resolve", tmp_path, "--workers", "1", "--scheduler", "tcp://127.0.0.1:1")
     assert told.code == 2
-    assert "--workers: expected no --scheduler together with it" in told.refusal
+    assert "--workers: expected no --scheduler together with this option" in told.refusal
 
 
 def test_files_are_worked_on_wherever_python_runs(shop, plain):

@@ -306,7 +306,7 @@ def test_compare_with_a_reference_instrument(tmp_path):
         tmp_path / "c.svg",
     )
     (tmp_path / "other.csv").write_text("position_mm,EXY_um\n0,0\n100,1\n")
-    with pytest.raises(DataError, match="expected a function in both: EYX, EBX"):
+    with pytest.raises(DataError, match="expected one of the functions EYX, EBX"):
         fourdof("compare", tmp_path / "ours.csv", "--reference", tmp_path / "other.csv")
 
 

@@ -178,7 +178,7 @@ def test_a_survey_elsewhere_is_refused_with_the_way(root: Path) -> None:
     (root / "mill.toml").write_text(SURVEY, encoding="utf-8")
     refused = stepdiag("service", "install", root / "mill.toml", "--root", root)
     assert refused.code == 2
-    assert "copy the file there" in refused.refusal
+    assert "copy the survey file to this folder" in refused.refusal
 
 
 def test_systemd_finds_nothing_wrong_with_what_is_written(root: Path) -> None:

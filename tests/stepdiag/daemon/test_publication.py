@@ -155,7 +155,7 @@ def test_what_cannot_be_meant_is_refused(
 def test_a_survey_elsewhere_is_refused_with_the_way(root: Path) -> None:
     (root / "mill.toml").write_text(SURVEY, encoding="utf-8")
     told = stepdiag("service", "publish", root / "mill.toml", "--root", root, *BROKER)
-    assert (told.code, "copy the file there" in told.refusal) == (2, True)
+    assert (told.code, "copy the survey file to this folder" in told.refusal) == (2, True)
 
 
 def test_systemd_finds_nothing_wrong_with_what_is_written(root: Path) -> None:

@@ -255,7 +255,8 @@ def test_a_spot_that_loses_a_fiftieth_of_its_light_is_named_and_not_used():
     found = evaluate_head(wanted, book.passes, lit, {})
     assert {finding.code for finding in found.findings} == {"fourdof-out-of-range"}
     assert all(
-        "one sum left the other two in 1 of 7" in finding.text for finding in found.findings
+        "one of the three sums differed from the other two in 1 of 7" in finding.text
+        for finding in found.findings
     )
     assert (
         sum(len(one.position_mm) for one in found.straightness)

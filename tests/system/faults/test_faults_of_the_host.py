@@ -111,7 +111,7 @@ def test_a_survey_folder_that_goes_away_is_an_error_in_words(tmp_path, while_rec
     assert process.process.returncode == 4
     assert "Traceback" not in words
     assert "No such file or directory" in words
-    assert "mount or restore the folder" in words
+    assert "mount or restore the survey's folder" in words
 
 
 def test_a_clock_set_by_an_hour_changes_nothing_but_the_time_of_day(tmp_path):

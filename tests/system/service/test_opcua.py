@@ -483,7 +483,7 @@ def test_a_key_of_another_certificate_is_refused(survey):
         [*map(str, command)], capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )
     assert done.returncode == 2, done.stderr
-    assert "found another one" in " ".join(done.stderr.split())
+    assert "found different content" in " ".join(done.stderr.split())
 
 
 def certificate(folder, name):

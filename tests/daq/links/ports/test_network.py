@@ -200,7 +200,7 @@ def test_a_server_of_plain_bytes_is_not_taken_for_one_that_speaks_rfc_2217(monke
         "expected a terminal server that speaks RFC 2217, found bytes of something else (2b 30 "
         "30 30 2e" in said
     )
-    assert "name it socket:// instead" in said
+    assert "use socket:// in place of rfc2217://" in said
 
 
 def test_no_thread_and_no_descriptor_is_left(pty):
