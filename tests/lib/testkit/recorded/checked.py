@@ -698,7 +698,6 @@ def _standing() -> Any:
         found[name] = {
             "staying": [str(one.label) for one in standing.staying],
             "lost": [str(one.label) for one in standing.lost()],
-            "foreign": [str(one.label) for one in standing.foreign()],
         } | {
             f"{which}, {state}": [
                 [said(item) for item in standing_findings(standing, result, own)],
