@@ -64,12 +64,8 @@ class Standing:
         """
         if profile.machine.measured_with == "on":
             return self.after, self.before
-        staying = {table.identity for table in self.staying}
-        return tuple(
-            table
-            for table in self.after
-            if table.identity not in staying or identifies(result, table)
-        ), ()
+        unseen = {table.identity for table in self.staying if not identifies(result, table)}
+        return tuple(table for table in self.after if table.identity not in unseen), ()
 
 
 def identifies(result: Result, table: Table) -> bool:
@@ -117,8 +113,7 @@ def standing_findings(
     }
     for table in standing.staying:
         if not _stands(table, standing.before):
-            # the old table did not act in this way before: its multiplier is new, or its numbers are
-            # partly overwritten
+            # before, the old table multiplied another table, or had other numbers
             yield error("old-table-left-active.part-left", label=table.label)
         elif table.name in named:
             yield error(

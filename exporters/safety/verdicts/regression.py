@@ -141,9 +141,9 @@ class Explained(NamedTuple):
 
 def explain(
     own: Sequence[Fit],
-    turned: Sequence[Fit] = (),
-    others: Iterable[tuple[str, Fit]] = (),
-    shifted: Iterable[tuple[float, Fit]] = (),
+    turned: Sequence[Fit],
+    others: Iterable[tuple[str, Fit]],
+    shifted: Iterable[tuple[float, Fit]],
 ) -> Explained:
     """Return the explanation of a movement by its regressions on its ``own`` function, a regression
     per possible form of the request.
