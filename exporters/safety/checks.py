@@ -122,15 +122,8 @@ def check_points(case: Case) -> Iterator[Finding]:
     for kind in sorted({table.kind for table in case.tables}):
         of_kind = [table for table in case.tables if table.kind == kind]
         held = case.controller.limits(of_kind[0], case.profile).tables
-        highest = max(
-            (
-                number
-                for table in of_kind
-                if isinstance(number := table.place.get("table"), int)
-            ),
-            default=-1,
-        )
-        last = max(highest, len(of_kind) - 1)
+        numbers = [table.place.get("table") for table in of_kind]
+        last = max([len(of_kind) - 1, *(each for each in numbers if isinstance(each, int))])
         if held is not None and last >= held:
             yield error(
                 "control-full.tables", count=len(of_kind), kind=kind, number=last, held=held
@@ -293,15 +286,7 @@ def run_checks(case: Case, checks: Sequence[Check] = CHECKS) -> tuple[Finding, .
 
 
 LIMITS: tuple[Check, ...] = (check_values, check_slope, check_points, check_units)
-"""The checks that need only a table, its control and a profile."""
-
-
-def limit_findings(
-    controller: Controller, profile: Profile, result: Result, tables: Sequence[Table]
-) -> tuple[Finding, ...]:
-    """Return the violations of the limits of control and profile by tables of any source."""
-    case = Case(controller=controller, profile=profile, result=result, tables=tables)
-    return run_checks(case, LIMITS)
+"""The checks of tables from any source, which need only a control, a profile and a result."""
 
 
 def refuse(findings: Collection[Finding], accept: Collection[str], where: Words) -> None:

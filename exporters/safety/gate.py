@@ -2,17 +2,18 @@
 more.
 
 Whatever fault came before, no control gets an invalid number, a power of ten, more digits than it
-accepts, or a table whose positions do not ascend or whose values exceed the limits.
+accepts, or a table whose positions do not ascend or whose values are not the checked ones.
 """
 
 import re
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.findings import Finding, error
 from stepdiag.base.messages import Message, message
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.safety.checks import Case, limit_findings
+from stepdiag.exporters.safety.checks import LIMITS, Case, run_checks
 from stepdiag.exporters.safety.read_back import differences
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.safety.verdicts.judge import judge
@@ -48,7 +49,7 @@ def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ())
 
 def gate_findings(case: Case, standing: Standing) -> Iterator[Finding]:
     """Yield the faults of the tables that a control reads from the written text: differences from
-    the plan, limits, travel, and the verdicts of `verify`.
+    the checked plan, limits of old tables in the files, travel, and the verdicts of `verify`.
 
     The ``standing`` holds the contents of the control after it has read this text.
     """
@@ -59,7 +60,8 @@ def gate_findings(case: Case, standing: Standing) -> Iterator[Finding]:
     planned = {table.identity: table for table in case.tables}
     for each in differences([*(kept | planned).values()], read):
         yield error("file-unsound.read-back", what=each.words)
-    yield from limit_findings(case.controller, profile, case.result, read)
+    beside = [table for identity, table in kept.items() if identity not in planned]
+    yield from run_checks(replace(case, tables=beside), LIMITS)
     yield from (
         Finding(code=each.code, severity="error", text=each.text, message=each.words)
         for each in judge(case.result, read, standing, profile)

@@ -170,15 +170,14 @@ def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
     )
     if (
         not alike
-        or np.max(np.abs(wanted.position_mm - held.position_mm)) > _PLACE_MM
+        or not np.all(np.abs(wanted.position_mm - held.position_mm) <= _PLACE_MM)
         or not same_lever(wanted, held)
     ):
         yield error("read-back-differs.grid", label=label)
         return
-    off = np.abs(wanted.absolute_um - held.absolute_um) > _UNIT_SHARE * max(
-        wanted.quantum_um, _LEAST_UM
-    )
-    if off.any():
+    unit_um = max(wanted.quantum_um, _LEAST_UM)
+    off = ~(np.abs(wanted.absolute_um - held.absolute_um) <= _UNIT_SHARE * unit_um)
+    if off.any():  # an invalid number (NaN) differs from every number
         at = int(np.argmax(off))
         where = f"{wanted.input_axis} {wanted.position_mm[at]:g} mm"
         pair = {

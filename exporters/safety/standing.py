@@ -53,12 +53,6 @@ class Standing:
             if old.name not in named and old.value_um.any() and not _stands(old, held)
         )
 
-    def foreign(self) -> tuple[Table, ...]:
-        """Return the remaining tables that did not act in this way before: a table that multiplied
-        another, or whose numbers are partly overwritten.
-        """
-        return tuple(table for table in self.staying if not _stands(table, self.before))
-
     def acting(
         self, result: Result, profile: Profile
     ) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
@@ -70,12 +64,8 @@ class Standing:
         """
         if profile.machine.measured_with == "on":
             return self.after, self.before
-        staying = {table.identity for table in self.staying}
-        return tuple(
-            table
-            for table in self.after
-            if table.identity not in staying or identifies(result, table)
-        ), ()
+        unseen = {table.identity for table in self.staying if not identifies(result, table)}
+        return tuple(table for table in self.after if table.identity not in unseen), ()
 
 
 def identifies(result: Result, table: Table) -> bool:
@@ -121,14 +111,14 @@ def standing_findings(
         for table in standing.new
         if table.value_um.any() or table.name in asked
     }
-    foreign = {table.identity for table in standing.foreign()}
     for table in standing.staying:
-        if table.name in named and table.identity not in foreign:
+        if not _stands(table, standing.before):
+            # before, the old table multiplied another table, or had other numbers
+            yield error("old-table-left-active.part-left", label=table.label)
+        elif table.name in named:
             yield error(
                 "old-table-left-active", label=table.label, other=named[table.name].label
             )
-        elif table.identity in foreign:
-            yield error("old-table-left-active.part-left", label=table.label)
         elif table.multiplier is not None and off and not identifies(result, table):
             yield from _twice(table, standing.new)
     for table in standing.lost():

@@ -27,7 +27,7 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
-from stepdiag.exporters.safety.checks import limit_findings
+from stepdiag.exporters.safety.checks import LIMITS, Case, run_checks
 from stepdiag.exporters.safety.compensation import require_agreement
 from stepdiag.exporters.safety.identity import require_same_machine
 from stepdiag.exporters.safety.levers import require_levers
@@ -298,7 +298,9 @@ def verify_files(
     standing = contents(controller, files, reading)
     tables = standing.new
     prediction = predict(result, *standing.acting(result, reading), nodes=nodes)
+    case = Case(controller=controller, profile=reading, result=result, tables=tables)
     findings = (
+        *run_checks(case, LIMITS),
         *standing_findings(standing, result, reading),
         *states(result, controller, reading),
         *worse_findings(prediction, standing, result, reading),
@@ -313,7 +315,7 @@ def verify_files(
             *judge(result, tables, standing, reading),
             *judge_missing(result, controller, tables, reading),
         ),
-        findings=(*limit_findings(controller, reading, result, tables), *findings),
+        findings=findings,
     )
 
 

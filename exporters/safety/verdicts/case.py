@@ -48,16 +48,6 @@ class TableCase:
         straight = len(self.table.position_mm) == 2 and self.table.law.ends == "extended"
         return straight and self.table.multiplier is None
 
-    @property
-    def is_product(self) -> bool:
-        """Return whether the table is a product along two axes; along a single axis it is a
-        curve.
-        """
-        return (
-            self.table.multiplier is not None
-            and self.table.multiplier.axis != self.table.input_axis
-        )
-
     def fit(self, curve: Curve, shift_mm: float = 0.0, turn_um_mm: float = 0.0) -> Fit | None:
         """Return the regression of the table's correction on the correction that ``curve``
         requests; None if the table covers less than half of the measured travel.
@@ -83,13 +73,13 @@ class TableCase:
             SURE_UM, self.table.quantum_um, min(2.0 * typical_u(curve), _EXCUSED * size)
         )
         bent = asked - np.polyval(np.polyfit(at, asked, 1), at)
-        return regress(
-            moved,
-            asked,
+        spike = SPIKE * max(sure, 2.0 * typical_u(curve), SIZED * rms(bent), unheld)
+        return replace(
+            regress(moved, asked),
             size_um=size,
             sure_um=sure,
             unheld_um=unheld,
-            spike_um=SPIKE * max(sure, 2.0 * typical_u(curve), SIZED * rms(bent), unheld),
+            spike_um=spike,
         )
 
     def place_mm(self, curve: Curve, fit: Fit) -> float:
@@ -152,9 +142,11 @@ class TableCase:
         else:
             along = lever.at(position_mm)
             across = correction_um(table, self.travel_mm(table.input_axis), way)
+        own = self.table.multiplier
+        if own is None or own.axis == self.table.input_axis:
+            return along * float(np.mean(across))
         even = np.linspace(-1.0, 1.0, POINTS)
-        weight = even / rms(even) ** 2 if self.is_product else np.ones(POINTS)
-        return along * float(np.mean(weight * across))
+        return along * float(np.mean(even * across)) / rms(even) ** 2
 
     def travel_mm(self, letter: str) -> Vector:
         """Return points from end to end of the measured travel of an axis X, Y or Z."""

@@ -224,11 +224,10 @@ def _lacking(
         return {}
     held = {table.name for table in new}
     quantum_um = {table.name: table.quantum_um for table in planned if table.name not in held}
-    size_um = {curve.name: rms(centred(curve.mean_um)) for curve in fit.curves}
     return {
-        curve.name: size_um[curve.name]
+        curve.name: size_um
         for curve in fit.curves
         if curve.name in quantum_um
-        and size_um[curve.name]
+        and (size_um := rms(centred(curve.mean_um)))
         >= max(SURE_UM, quantum_um[curve.name], 2.0 * typical_u(curve))
     }

@@ -111,18 +111,8 @@ class Fit:
         return self.is_alike and self.largest_um <= self.spike_um
 
 
-def regress(
-    moved_um: Vector,
-    asked_um: Vector,
-    *,
-    size_um: float | None = None,
-    sure_um: float = SURE_UM,
-    unheld_um: float = 0.0,
-    spike_um: float = np.inf,
-) -> Fit:
-    """Return the regression of a movement on the request, arrays of the same shape; ``size_um`` is
-    the size of ``asked_um`` if given.
-    """
+def regress(moved_um: Vector, asked_um: Vector) -> Fit:
+    """Return the regression of a movement on the request of an error, arrays of the same shape."""
     own = rms(asked_um)
     factor = float(np.mean(moved_um * asked_um)) / own**2 if own > 0.0 else 0.0
     rest = moved_um - factor * asked_um
@@ -130,13 +120,10 @@ def regress(
     return Fit(
         factor=factor,
         asked_um=own,
-        size_um=own if size_um is None else size_um,
+        size_um=own,
         rest_um=rms(rest),
         largest_um=float(np.abs(rest).flat[index]),
         largest_index=index,
-        sure_um=sure_um,
-        unheld_um=unheld_um,
-        spike_um=spike_um,
     )
 
 
@@ -154,9 +141,9 @@ class Explained(NamedTuple):
 
 def explain(
     own: Sequence[Fit],
-    turned: Sequence[Fit] = (),
-    others: Iterable[tuple[str, Fit]] = (),
-    shifted: Iterable[tuple[float, Fit]] = (),
+    turned: Sequence[Fit],
+    others: Iterable[tuple[str, Fit]],
+    shifted: Iterable[tuple[float, Fit]],
 ) -> Explained:
     """Return the explanation of a movement by its regressions on its ``own`` function, a regression
     per possible form of the request.

@@ -9,7 +9,7 @@ import numpy as np
 
 from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.result import Result
-from stepdiag.base.volume import Vector, Volume
+from stepdiag.base.volume import Vector, Volume, grid_points_mm
 from stepdiag.exporters.tables.curves import (
     FOLD_DEFAULT,
     FOLD_OTHER,
@@ -91,11 +91,10 @@ def growing_um(field_um: Callable[[Vector], Vector], volume: Volume, name: str) 
     is subtracted.
     """
     output, moving, by = ("XYZ".index(letter) for letter in (name[1], name[2], name[4]))
-    nodes = [volume.nodes_mm(axis) for axis in range(3)]
-    points = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1)
-    values = field_um(points.reshape(-1, 3))[:, output].reshape(points.shape[:3])
+    nodes = volume.increments + 1
+    values = field_um(grid_points_mm(volume, nodes))[:, output].reshape(nodes, nodes, nodes)
     plane = np.mean(np.moveaxis(values, (moving, by), (0, 1)), axis=2)
-    lever = np.linspace(-1.0, 1.0, plane.shape[1])
+    lever = np.linspace(-1.0, 1.0, nodes)
     return centred(plane @ lever) / np.sum(lever**2)
 
 

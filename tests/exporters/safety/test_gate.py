@@ -13,9 +13,10 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
-from stepdiag.exporters.safety.checks import refuse
-from stepdiag.exporters.safety.gate import require_clean
+from stepdiag.exporters.safety.checks import Case, refuse
+from stepdiag.exporters.safety.gate import gate_findings, require_clean
 from stepdiag.exporters.safety.restore import restore_files
+from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.siemens.control import Siemens
 from stepdiag.exporters.tables.curves import curves_of
 from testkit.exact.machines import profile_of
@@ -100,6 +101,23 @@ def test_a_table_beyond_the_travel_is_refused(tmp_path):
     with pytest.raises(SafetyError) as refusal:
         export(RESULT, "siemens", replace(profile, axes=axes), out_dir=tmp_path / "out")
     assert refusal.value.code == "beyond-travel"
+
+
+def test_an_old_table_in_a_written_file_stays_within_the_limits():
+    control, profile = controller_named("siemens"), profile_of("siemens", VOLUME)
+    plan = control.plan(curves_of(RESULT, ["EXX", "EYX"]), profile)
+    new, old = plan.tables
+    large = replace(old, value_um=old.value_um * 1000.0)
+    case = Case(controller=control, profile=profile, result=RESULT, tables=[new])
+    keys = [
+        [
+            each.key
+            for each in gate_findings(case, Standing(before=(kept,), after=read, new=read))
+        ]
+        for kept in (old, large)
+        for read in [(new, kept)]
+    ]
+    assert ["value-large.limit" in each for each in keys] == [False, True]
 
 
 def test_a_refusal_by_the_verdict_on_a_table_has_the_code_of_the_verdict():

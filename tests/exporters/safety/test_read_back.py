@@ -12,7 +12,7 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_set
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
-from stepdiag.exporters.safety.read_back import STEPS, compare
+from stepdiag.exporters.safety.read_back import STEPS, compare, differences
 from stepdiag.exporters.siemens import read_back
 from stepdiag.exporters.tables.fit import fitted
 from testkit.exact.machines import profile_of
@@ -217,6 +217,18 @@ def test_what_any_control_holds_is_compared_with_what_was_written(name: str) -> 
     }
     assert name in STEPS
     assert np.isfinite(same.numbers)
+
+
+@pytest.mark.parametrize(
+    ("what", "key"),
+    [("value_um", "read-back-differs"), ("position_mm", "read-back-differs.grid")],
+)
+def test_a_number_that_is_no_number_differs(what: str, key: str) -> None:
+    table = planned()[0][0]
+    spoilt = np.array(getattr(table, what))
+    spoilt[1] = np.nan
+    held = replace(table, **{what: spoilt})
+    assert [each.key for each in differences([table], [held])] == [key]
 
 
 class Punching:

@@ -582,10 +582,8 @@ def _gate() -> Any:
     profile = limited(profile_of("siemens"))
     controller = controller_named("siemens")
 
-    def of(
-        *read: Table, travel: tuple[float, float] | None = None, limits: Any = None
-    ) -> list[str]:
-        own = limited(with_axis(profile, travel_mm=travel), **(limits or {}))
+    def of(*read: Table, travel: tuple[float, float] | None = None) -> list[str]:
+        own = limited(with_axis(profile, travel_mm=travel))
         case = Case(
             controller=controller,
             profile=own,
@@ -618,9 +616,6 @@ def _gate() -> Any:
     )
     found["extended, beyond the travel"] = of(
         replace(right, law=EXTENDED), travel=(-10.0, 10.0)
-    )
-    found["beyond limits"] = of(
-        right, limits={"value_um": 8.0, "points": 3, "slope_um_mm": 0.01}
     )
     return found
 
@@ -703,7 +698,6 @@ def _standing() -> Any:
         found[name] = {
             "staying": [str(one.label) for one in standing.staying],
             "lost": [str(one.label) for one in standing.lost()],
-            "foreign": [str(one.label) for one in standing.foreign()],
         } | {
             f"{which}, {state}": [
                 [said(item) for item in standing_findings(standing, result, own)],

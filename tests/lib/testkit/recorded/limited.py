@@ -14,7 +14,7 @@ from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.programs.settings import ProgramSection
-from stepdiag.exporters.safety.checks import limit_findings
+from stepdiag.exporters.safety.checks import LIMITS, Case, run_checks
 from stepdiag.exporters.safety.standing import unchanged
 from stepdiag.exporters.siemens.products import chosen
 from stepdiag.exporters.tables.controller import Limits, Plan
@@ -220,18 +220,12 @@ def _nets() -> Any:
         "large": [table_of((0, 1, 70, 0), "EYX", kind="cec")],
         "steep": [table_of((0, 1, 45, 0))],
     }.items():
-        found[f"limits alone, {name}"] = [
-            said(item) for item in limit_findings(control, base, PLAIN, tables)
-        ]
-        found[f"limits alone, {name}, inch"] = [
-            said(item)
-            for item in limit_findings(
-                control,
-                replace(base, machine=msgspec.structs.replace(base.machine, units="inch")),
-                PLAIN,
-                tables,
-            )
-        ]
+        inch = replace(base, machine=msgspec.structs.replace(base.machine, units="inch"))
+        for unit, profile in (("", base), (", inch", inch)):
+            case = Case(controller=control, profile=profile, result=PLAIN, tables=tables)
+            found[f"limits alone, {name}{unit}"] = [
+                said(item) for item in run_checks(case, LIMITS)
+            ]
     return found
 
 
