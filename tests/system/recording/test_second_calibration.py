@@ -37,7 +37,7 @@ tables.EZY = { position_mm = [0.0, 100.0, 200.0], value = [0.0, -8.0, 0.0] }
 tables.EZZ = { position_mm = [0.0, 50.0, 100.0], value = [0.0, -3.0, -8.0] }
 """
 """Straight lines between the stops: what tables can hold."""
-SHARE = 0.6
+SHARE = 0.7
 """The tables in the control were made before wear: they hold this share of what the machine
 errs."""
 PROFILE = """
