@@ -68,8 +68,8 @@ def test_where_a_table_ends_the_parameter_the_number_goes_into_the_table(backlas
     columns already."""
     (text,) = said_of(KNOWN, "reversal-value", name="linuxcnc", backlash_um=backlash_um)
     assert text.endswith(
-        'direction = "both" writes it into the table, and the backlash parameter has no effect '
-        "beside this table"
+        'direction = "both" writes the backlash into the table, and the backlash parameter has '
+        "no effect beside this table"
     )
     assert said_of(KNOWN, "reversal-value", "both", "linuxcnc", backlash_um=backlash_um) == []
 

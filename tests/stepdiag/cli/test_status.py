@@ -316,7 +316,7 @@ def test_a_log_of_another_survey_among_them_is_named_and_does_not_count(survey, 
     )
     assert told(survey)["next_setup"] == "npp"
     assert (
-        "0002.mcap: another one: its stops are not counted here"
+        "0002.mcap: different content: its stops are not counted here"
         in stepdiag("status", survey).out
     )
 

@@ -99,8 +99,8 @@ def test_info_says_whether_a_log_is_whole(tmp_path: Path, cut_off: Path) -> None
     assert "0 stops, 25 polls of the machine" in whole
     damaged = run("info", cut_off)
     assert (
-        "not whole (the log was cut off; 20 bytes cannot be read, 0 events lost with them); `stepdiag "
-        "recover` mends it" in damaged
+        "not whole (the log was cut off; 20 bytes cannot be read, 0 events lost with them); "
+        "`stepdiag recover` mends it" in damaged
     )
 
 

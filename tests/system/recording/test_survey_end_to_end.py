@@ -215,9 +215,7 @@ def test_a_second_daemon_on_the_folder_refuses(tmp_path):
         code, _, said = process_of_its_own("run", place.survey)
     assert code == 2
     assert "no other daemon in this folder" in said
-    assert re.search(
-        r"found another daemon that runs \(process [0-9]+\)", " ".join(said.split())
-    )
+    assert re.search(r"found a daemon that runs \(process [0-9]+\)", " ".join(said.split()))
 
 
 def test_a_wrong_survey_file_is_refused_by_field(tmp_path):
