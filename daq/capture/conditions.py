@@ -16,13 +16,16 @@ import msgspec
 
 from stepdiag.base.conditions.air import HALL
 from stepdiag.base.messages import Message, message
-from stepdiag.daq.capture.noise import LEAST_SAMPLES
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
 
+BELIEVED_STOPS = 5
+"""Number of consecutive stops that must agree on the value after a jump before it is accepted; the
+jump itself remains a doubt.
+"""
 STALE_NS = 60_000_000_000
 """Age in ns of a sensor's last value above which the sensor counts as silent."""
 
@@ -64,9 +67,11 @@ UNITS_HPA: Mapping[str, float] = {
     "psi": 68.94757,
     "bar": 1000.0,
 }
-UNIT_NEAR = 0.06
-"""A pressure is in another unit if this unit brings the pressure to the pressure of [environment],
-within the weather: 760 mmHg is the air at sea level, 760 hPa the air at 2300 m.
+UNIT_NEAR, UNIT_FAR = 0.06, 0.2
+"""Limits, as shares of the pressure in [environment], that recognise a pressure in another unit
+than hPa: read in that unit, the pressure differs by at most the first share (weather); read in hPa,
+by more than the second (no hall is so high). 760 mmHg is the air at sea level, 760 hPa the air at
+2300 m.
 """
 
 
@@ -211,7 +216,7 @@ class Conditions:
                 message(
                     "sensor-jump.believed",
                     found=self._found(name, value, time_s),
-                    count=LEAST_SAMPLES,
+                    count=BELIEVED_STOPS,
                 )
             )
             code = None
@@ -245,7 +250,11 @@ class Conditions:
         unit, agrees.
         """
         stated = self._environment.air_pressure_hpa
-        if name != "air_pressure_hpa" or name in self._credible:
+        if (
+            name != "air_pressure_hpa"
+            or name in self._credible
+            or abs(value / stated - 1) <= UNIT_FAR
+        ):
             return ""
         return next(
             (
@@ -257,16 +266,14 @@ class Conditions:
         )
 
     def _agreed(self, name: str, value: float) -> bool:
-        """Return whether `LEAST_SAMPLES` consecutive stops agree on a value after its jump; the
-        jump itself remains a doubt.
-        """
+        """Return whether enough consecutive stops agree on a value after its jump."""
         seen = [
             other
             for other in self._jumped.get(name, [])
             if abs(other - value) <= COURSES[name].at_once
         ]
         self._jumped[name] = [*seen, value]
-        return len(self._jumped[name]) >= LEAST_SAMPLES
+        return len(self._jumped[name]) >= BELIEVED_STOPS
 
     def _reach(self, name: str, time_s: float) -> float:
         course = COURSES[name]

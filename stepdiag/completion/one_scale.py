@@ -20,8 +20,7 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, Place, message
 from stepdiag.base.result.result import Result
 from stepdiag.daq.capture.cause.hypotheses import laser_change
-from stepdiag.daq.capture.cause.likelihood import Change
-from stepdiag.daq.capture.noise import FAULT, ORDINARY
+from stepdiag.daq.capture.cause.likelihood import CAUSE, Change
 from stepdiag.daq.survey.models import Survey
 
 TOGETHER_UM_M, TOGETHER_AT_20_C_UM_M, EACH_UM_M = 60.0, 25.0, 30.0
@@ -94,7 +93,7 @@ class _Statement:
     what: Message
     reading: Message
     change: Change
-    odds: float = FAULT + ORDINARY
+    odds: float = CAUSE
 
 
 def _statements(survey: Survey, result: Result) -> Iterator[_Statement]:
