@@ -550,7 +550,7 @@ class _Task:
         """Return the fit with the scatter of its residuals, estimated without influence of wrong
         stops if ``robust``.
         """
-        last = np.zeros(FIRST + 1 + len(self.layout.setups))
+        last = np.zeros_like(self.scatter.log_um)
         for _ in range(ROUNDS):
             before = self.scatter
             found = estimated(
@@ -566,7 +566,7 @@ class _Task:
                 )
                 break
             last = further(found.log_um - before.log_um, last)
-            self._take(before.changed(last))
+            self._take(before.with_log(before.log_um + last))
             current = self._again(current)
         return self._with_effects(current.fixed)
 

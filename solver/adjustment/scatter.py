@@ -139,10 +139,10 @@ class Scatter:
         found: Vector = np.log(np.concatenate([self.misses_um, self.noise_um]))
         return found
 
-    def changed(self, step: Vector) -> "Scatter":
-        """Return the scatter with the logarithms of all sizes changed by ``step`` (4 + setups,)."""
-        size = np.maximum(np.exp(self.log_um + step), LEAST_U_UM)
-        return replace(self, misses_um=size[: FIRST + 1], noise_um=size[FIRST + 1 :])
+    def with_log(self, log_um: Vector) -> Self:
+        """Return the scatter with other sizes; ``log_um`` as in the property of this name."""
+        size_um = np.maximum(np.exp(log_um), LEAST_U_UM)
+        return replace(self, misses_um=size_um[: FIRST + 1], noise_um=size_um[FIRST + 1 :])
 
     def near(self, other: "Scatter", layout: Layout) -> bool:
         """Return whether the scatter of readings and misses agrees with another within
@@ -192,14 +192,12 @@ def estimated(
     of_size = np.concatenate(
         [np.ones(FIRST + 1), [np.mean(share[rows]) for rows in by_setup]]
     )
-    found = np.maximum(
-        np.exp(_most_likely(before.log_um, assumed.log_um, of_size, freedom, squares)),
-        LEAST_U_UM,
+    found = before.with_log(
+        _most_likely(before.log_um, assumed.log_um, of_size, freedom, squares)
     )
     shown_freedom = np.where(freedom >= LEAST_SHOWN, freedom, 0.0)
-    return Scatter(
-        misses_um=found[: FIRST + 1],
-        noise_um=found[FIRST + 1 :],
+    return replace(
+        found,
         freedom_misses=shown_freedom[: FIRST + 1],
         freedom_noise=shown_freedom[FIRST + 1 :],
     )

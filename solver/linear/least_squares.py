@@ -112,8 +112,8 @@ def invert(
     ``like`` is an inverse of the same rows under other (positive) weights, or without rows that it
     determines: the null space depends on neither.
     """
-    same = like is not None and like.packed.rows is rows
-    system = _scaled(like.packed if like and same else pack(rows, blocks), weight)
+    packed = like.packed if like and like.packed.rows is rows else pack(rows, blocks)
+    system = _scaled(packed, weight)
     if like is None:
         basis, held, elimination = _null_space(system)
     else:
