@@ -198,6 +198,23 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
         )
         assert int(done.stdout) < 100_000, "kilobytes beside the libraries"
 
+    def test_no_thread_of_the_library_is_left_when_a_store_was_read(self, store: Store) -> None:
+        """A thread that still runs when the interpreter ends aborts the process: under load, one
+        of six finished commands exited with -6."""
+        code = f"""
+import os
+from stepdiag.fleet.store import Store
+from stepdiag.fleet.history import history_in
+from datetime import UTC, datetime
+before = os.listdir("/proc/self/task")
+history_in(Store({store.address!r}), datetime(2030, 1, 1, tzinfo=UTC))
+print(len(os.listdir("/proc/self/task")) - len(before))
+"""
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        )
+        assert int(done.stdout) == 0
+
     def test_a_small_file_of_one_long_text_is_refused_before_it_is_unpacked(
         self, store: Store
     ) -> None:
