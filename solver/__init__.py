@@ -1,7 +1,5 @@
 """The mathematics: numpy arrays in, numpy arrays out; no files, no clocks, no logging.
 
-Input: the readings of a survey. Output: a result with its uncertainties and the names of the values
-that the readings do not identify. The packages of this floor, from the lowest: standards, readings,
-result, linear, model, adjustment, fourdof, uncertainty, planning, methods. Every other floor
-imports this one.
+Input: the readings of a survey. Output: a result with its uncertainties, and the names of the
+values that the readings do not identify. All floors above this floor import it.
 """

@@ -1,5 +1,5 @@
-"""Weighted linear least squares with structure.
+"""Weighted linear least squares with sparse matrices.
 
-In: sparse rows. Out: solutions, null spaces, covariances. Imported by model and above; contains
-nothing of machines.
+Input: sparse rows. Output: solutions, null spaces, covariances. The room `model` and the rooms
+above import it.
 """

@@ -1,10 +1,10 @@
-"""Sizes of the causes of a mixed fit: restricted maximum likelihood, a size per group, the usual
-size if the readings contain no information.
+"""Restricted maximum likelihood: the standard deviation ("size") of each group of random effects
+("causes") in a least-squares fit.
 
-Newton's iteration on the logarithm of the sizes, and Fisher scoring far from the most likely value,
-where the observed information is not positive (Searle, Casella, McCulloch 1992, 8.2-8.3). The prior
-of a size has the user's value as its most likely order of magnitude and extends to zero: a cause
-may be absent (after the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
+The search uses Newton's iteration on the logarithm of the sizes, and Fisher scoring where the
+observed information is not positive (Searle, Casella, McCulloch 1992, 8.2-8.3). The prior of a size
+has its mode near the user's value and includes zero, because a random effect may be absent (after
+the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
 """
 
 from dataclasses import dataclass
@@ -16,43 +16,34 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.mixed import AnyFit, MixedFit
 
 ROUNDS = 40
-"""Largest number of iterations; a search takes two to six."""
+"""Largest number of iterations; a search usually needs two to six."""
 LARGEST_STEP = 1.5
-"""Largest change of the logarithm of a size in one iteration: a longer step leaves the range of the
-quadratic approximation.
-"""
+"""Largest change of the logarithm of a standard deviation in one iteration."""
 SETTLED = 1e-3
-"""Changes of the logarithm below this value end the search: no figure of the result shows them."""
+"""The search ends when the logarithms of the standard deviations change by less than this value."""
 FURTHEST = 7.0
-"""Sizes stay within a factor e^7 of the usual: beyond, the logarithm has no information."""
+"""Limit of the logarithm of (standard deviation / usual standard deviation)."""
 HEAD, TAIL = 0.5, 4.0
-"""Powers of the size at the beginning and in the tail of the prior of its logarithm: a quarter of
-the prior lies below a tenth of the usual size, half below 0.47 of it, one twentieth above three
-times the usual size.
-"""
+"""Powers of the standard deviation in its prior density, for small and for large values. A
+quarter of the prior is below 0.1 of the usual standard deviation, half below 0.47, and 95 %
+below 3."""
 _LEAST_CURVED = 0.1
 _NOTHING, _EXPLAINED = 1e-12, 1e-6
-"""Residuals that count as zero, and the smallest share of a square sum that an explanation can
-leave: below it only rounding is left.
-"""
 _MUCH_SMALLER = 0.5
-"""Smallest usual square sum as a share of the degrees of freedom; good surveys lie above it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sizes:
-    """Sizes of the groups: ``factor`` (groups,) is the ratio of each size to the usual size;
-    ``sought`` states whether it was estimated.
-    """
+    """``factor`` (groups,) is the ratio of the standard deviation of each group of random
+    effects to the usual value; ``sought`` (groups,) is True for an estimated standard deviation."""
 
     factor: Vector
     sought: NDArray[np.bool_]
 
 
 def log_prior(log_factor: Vector) -> Vector:
-    """Return the logarithm of the density of a size's logarithm, up to a constant, by its distance
-    from the usual logarithm.
-    """
+    """Return the log prior density of a standard deviation, up to a constant, from
+    ``log_factor`` = log(standard deviation / usual standard deviation)."""
     found: Vector = HEAD * log_factor - 0.5 * (TAIL + HEAD) * np.log1p(
         HEAD / TAIL * np.exp(2.0 * log_factor)
     )
@@ -60,7 +51,6 @@ def log_prior(log_factor: Vector) -> Vector:
 
 
 def _prior_slope(log_factor: Vector) -> tuple[Vector, Vector]:
-    """Return the first derivative of `log_prior` and its downward curvature."""
     square = HEAD / TAIL * np.exp(2.0 * log_factor)
     first = HEAD - (TAIL + HEAD) * square / (1.0 + square)
     return first, np.maximum(
@@ -74,11 +64,11 @@ def scored(
     sought: NDArray[np.bool_],
     near: Vector | None = None,
 ) -> Sizes:
-    """Return the most likely sizes by the readings.
+    """Return the standard deviations with the highest restricted likelihood.
 
-    ``mixed`` contains the usual sizes, ``group`` (q,) numbers the group of each cause; ``sought``
-    (groups,) marks the groups of unknown size, ``near`` (groups,) the start of the search: the
-    usual sizes without it.
+    ``mixed`` contains the usual standard deviations. ``group`` (q,) is the group number of each
+    random effect. ``sought`` (groups,) marks the groups to be estimated. ``near`` (groups,) is the
+    start of the search; the default is the usual standard deviations.
     """
     log = np.zeros(len(sought)) if near is None else np.where(sought, np.log(near), 0.0)
     free = np.flatnonzero(sought)
@@ -91,7 +81,7 @@ def scored(
         near_the_top = np.linalg.eigvalsh(observed + np.diag(curved))[0] > _LEAST_CURVED
         information = (observed if near_the_top else expected) + np.diag(curved)
         step = np.linalg.solve(information, gradient + first)
-        # a size that has passed the most likely value goes back by half the distance: the expected
+        # after a step beyond the maximum, the next step is at most half as long: the expected
         # information may be too large
         furthest = np.where(step * before < 0, 0.5 * furthest, furthest)
         before = np.clip(step, -furthest, furthest)
@@ -102,17 +92,16 @@ def scored(
 
 
 def sized(mixed: MixedFit, factor: Vector) -> MixedFit:
-    """Return the fit in which each size is multiplied by a factor of its own."""
     return MixedFit(mixed.fixed, mixed.causes, mixed.size * factor)
 
 
 def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector, Vector]:
-    """Return the gradient of the restricted likelihood by the logarithm of every group's size, and
-    its observed and expected information.
+    """Return the gradient of the restricted likelihood by the logarithm of every group's standard
+    deviation, and its observed and expected information.
 
-    With the amounts m in units of their size and their covariance P, shapes (q,) and (q, q), a
-    change of a group's logarithm moves m by (2 P - 1) m and P by -P (1 - P) - (1 - P) P, each over
-    the group alone.
+    P (q, q) is the covariance of the random effects in units of their standard deviations, m (q,)
+    their amounts. The derivative of m by the logarithm of a group's standard deviation is (2 P - 1)
+    m, and that of P is -P (1 - P) - (1 - P) P, both over the random effects of this group.
     """
     covariance = here.damped_root.T @ here.damped_root
     safe = np.where(here.size > 0, here.size, 1.0)
@@ -127,12 +116,11 @@ def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector, Vector]:
 
 
 def gained(fit: AnyFit, left: Vector | float) -> Vector:
-    """Return twice the gain in log-likelihood for a fall of the weighted square sum of the
-    residuals to ``left``.
+    """Return twice the gain in log-likelihood if the weighted square sum of the residuals falls to
+    ``left``.
 
-    If the fault that enlarged the square sum is removed, the noise of all weights may be smaller by
-    a common factor (profile likelihood). If the residuals are much smaller than their weights
-    state, no fault enlarged the square sum: the weights are kept.
+    The noise of all weights has a free common factor (profile likelihood). The factor is fixed at 1
+    if the residuals are much smaller than their weights predict.
     """
     whole, freedom = max(fit.chi_square, _NOTHING), float(max(fit.freedom, 1))
     within = np.clip(left, _EXPLAINED * whole, whole)
@@ -145,8 +133,6 @@ def gained(fit: AnyFit, left: Vector | float) -> Vector:
 
 
 def likelier(found: MixedFit, than: MixedFit) -> float:
-    """Return twice the logarithm of the ratio of two restricted likelihoods, each with the present
-    sizes of its causes.
-    """
+    """Return twice the logarithm of the ratio of the restricted likelihoods of two fits."""
     damped = [-2.0 * float(np.sum(np.log(np.diag(one.damped_root)))) for one in (found, than)]
     return float(gained(than, found.chi_square)) + damped[1] - damped[0]

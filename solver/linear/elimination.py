@@ -1,9 +1,9 @@
-"""Gaussian elimination for the coupling of a step diagonal's unknowns.
+"""Gaussian elimination of the normal matrix of step diagonals.
 
-A diagonal passes node i of an axis together with nodes i or n - i of the others. Nodes folded to
-min(i, n - i) are therefore coupled to their neighbours only: a block tridiagonal matrix. Unknowns
-coupled to all others (offsets, tilts, drifts, the end nodes) form a border. Elimination costs n
-small blocks instead of (18 n)^3.
+A step diagonal passes node i of one axis together with node i or n - i of the other axes. With the
+nodes folded to min(i, n - i), each block of unknowns is coupled to the neighbouring blocks only:
+the matrix is block tridiagonal. Unknowns that are coupled to all blocks (offsets, tilts, drifts,
+the end nodes) form the border. The elimination costs n small blocks instead of (18 n)^3.
 """
 
 from collections.abc import Iterator
@@ -17,29 +17,26 @@ from stepdiag.base.volume import Vector
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """An order of the unknowns: ``place[c]`` is the new place of column ``c``; ``edges`` (k + 1,)
-    bounds k blocks, the border follows."""
+    """An order of the unknowns in k blocks, followed by a border: ``place[c]`` is the new place
+    of column ``c``; ``edges`` (k + 1,) are the limits of the blocks."""
 
     place: NDArray[np.int64]
     edges: NDArray[np.int64]
 
     @property
     def border(self) -> slice:
-        """Return the places of the border."""
         return slice(int(self.edges[-1]), len(self.place))
 
     def block(self, index: int) -> slice:
-        """Return the places of a block."""
         return slice(int(self.edges[index]), int(self.edges[index + 1]))
 
     @property
     def count(self) -> int:
-        """Return the number of blocks before the border."""
         return len(self.edges) - 1
 
 
 def order_blocks(group: NDArray[np.int64]) -> Blocks:
-    """Return the order in which unknowns of group 0, 1, 2 .. form the blocks and those of group -1
+    """Return the order of the unknowns in which group 0, 1, 2 .. are the blocks and group -1 is
     the border."""
     highest = int(group.max(initial=-1))
     ranked = np.where(group < 0, highest + 1, group)
@@ -50,10 +47,6 @@ def order_blocks(group: NDArray[np.int64]) -> Blocks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Elimination:
-    """A symmetric positive definite matrix, eliminated: pivots inverted, multipliers, the border's
-    solution and its inverse.
-    """
-
     blocks: Blocks
     pivot_inverse: list[Vector]
     multiplier: list[Vector]
@@ -61,7 +54,6 @@ class Elimination:
     border_inverse: Vector
 
     def solve(self, right: Vector) -> Vector:
-        """Return the inverse times ``right`` (count, k)."""
         border = self.blocks.border
         solution = np.empty_like(right)
         solution[: border.start] = self.inner_solve(right[: border.start])
@@ -72,8 +64,8 @@ class Elimination:
         return solution
 
     def inner_solve(self, right: Vector) -> Vector:
-        """Return the inverse of the blocks alone times ``right``, shape (places before the border,
-        k)."""
+        """Return the inverse of the matrix without its border, times ``right`` (rows without the
+        border, k)."""
         solution = right.copy()
         last = self.blocks.count - 1
         for index in range(last):
@@ -90,10 +82,9 @@ class Elimination:
         return solution
 
     def near(self) -> Iterator[tuple[int, Vector, Vector]]:
-        """Yield from the last block back: its number, its part of the inverse of the blocks alone,
-        and the part between it and the previous block, shapes (own, own) and (own, before)
-        (Takahashi's recursion).
-        """
+        """Yield the parts of the inverse without the border, from the last block to the first:
+        the number of the block, its part on the diagonal, and the part beside the previous block
+        (Takahashi's recursion)."""
         following = np.zeros((0, 0))
         for index in range(self.blocks.count - 1, -1, -1):
             here = self.pivot_inverse[index]
@@ -107,11 +98,9 @@ class Elimination:
             following = here
 
     def around(self) -> Iterator[tuple[int, Vector]]:
-        """Yield from the last block back: its number and the inverse for the previous block, the
-        block itself and the border; at last -1, border.
-
-        Rows that touch no more need no more of the inverse.
-        """
+        """Yield the number of each block and the part of the inverse for this block, the
+        previous block and the border, from the last block to the first; at the end -1 and the
+        part of the border."""
         borders = -self.border_solution @ self.border_inverse
         inside = between = np.zeros((0, 0))
         for index, here, before in self.near():
@@ -134,7 +123,6 @@ class Elimination:
         return np.block([[inner, borders[near]], [borders[near].T, self.border_inverse]])
 
     def diagonal(self) -> Vector:
-        """Return the diagonal of the inverse, shape (count,)."""
         solution, inverse = self.border_solution, self.border_inverse
         variance = np.concatenate(
             [np.einsum("ij,ij->i", solution @ inverse, solution), np.diag(inverse)]
@@ -146,12 +134,11 @@ class Elimination:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Normal:
-    """A symmetric matrix whose blocks touch only their neighbours and the border, in the order of
-    ``blocks``.
+    """A symmetric matrix in which each block of unknowns is coupled only to its neighbouring blocks
+    and the border.
 
-    ``own`` are the blocks of the diagonal, ``lower`` the blocks between each and its predecessor
-    (none before the first), ``coupling`` is (places before the border, border), ``border`` (border,
-    border).
+    ``own`` are the blocks on the diagonal and ``lower`` the blocks left of them. ``coupling`` (rows
+    without the border, border) and ``border`` (border, border) are the parts of the border.
     """
 
     blocks: Blocks
@@ -162,11 +149,9 @@ class Normal:
 
     @property
     def diagonal(self) -> Vector:
-        """Return the diagonal of the matrix, shape (count,)."""
         return np.concatenate([np.diag(block) for block in [*self.own, self.border]])
 
     def scaled(self, scale: Vector) -> "Normal":
-        """Return the matrix with rows and columns multiplied by ``scale`` (count,)."""
         each = [scale[self.blocks.block(index)] for index in range(self.blocks.count)]
         inner, border = scale[: self.blocks.border.start], scale[self.blocks.border]
         return Normal(
@@ -184,7 +169,6 @@ class Normal:
         )
 
     def raised(self, by: Vector) -> "Normal":
-        """Return the matrix with ``by`` (count,) added to its diagonal."""
         own = [
             block + np.diag(by[self.blocks.block(index)])
             for index, block in enumerate(self.own)
@@ -198,17 +182,15 @@ class Normal:
         )
 
     def held(self, places: NDArray[np.int64]) -> "Normal":
-        """Return the matrix with some unknowns held: their rows and columns become those of the
-        unit matrix.
-        """
+        """Return the matrix with the rows and columns of the fixed unknowns replaced by those of
+        the unit matrix; ``places`` are the places of the fixed unknowns."""
         free = np.ones(len(self.blocks.place))
         free[places] = 0.0
         return self.scaled(free).raised(1.0 - free)
 
 
 def eliminate(matrix: Normal) -> Elimination:
-    """Eliminate a symmetric positive definite matrix. Raises ``numpy.linalg.LinAlgError`` for a
-    singular one."""
+    """Raises ``numpy.linalg.LinAlgError`` for a singular matrix."""
     pivots: list[Vector] = []
     multipliers: list[Vector] = []
     for index, own in enumerate(matrix.own):

@@ -1,12 +1,12 @@
-"""Likelihood of each size of a group of causes, and the group's amounts for each: the posterior of
-a variance component.
+"""The posterior distribution of the standard deviation of a group of random effects ("causes").
 
-With the other groups at their estimated sizes, a group's amounts separate into independent
-directions for any size:
+With the standard deviations of all other groups fixed at their estimates, the effects of a group
+separate into independent directions:
 
-    variance = f^2 / (1 + f^2 seen), amount = variance * shown, f = size / estimated size
+    variance = f^2 / (1 + f^2 seen), amount = variance * shown,
+    f = standard deviation / estimated standard deviation
 
-so that all sizes need a single eigenvalue decomposition (Harville 1974 for the likelihood, Searle,
+Therefore one eigenvalue decomposition is enough for all f (likelihood: Harville 1974; Searle,
 Casella, McCulloch 1992, 9.2).
 """
 
@@ -21,26 +21,22 @@ from stepdiag.solver.linear.components import FURTHEST, Sizes, log_prior
 from stepdiag.solver.linear.mixed import MixedFit
 
 POINTS = 15
-"""Number of equally likely sizes that represent the distribution."""
+"""Number of equally likely values that represent a distribution."""
 CLASS_SPREAD = 0.6
-"""Standard deviation of the logarithm of a machine's errors relative to its class: 95 % lie between
-a third of the usual and three times it, the ratio of good and old machines (docs/uncertainty.md).
-"""
+"""Standard deviation of the logarithm of a machine's errors relative to the usual errors of its
+class: for 95 % of machines the ratio is between 1/3 and 3 (docs/uncertainty.md)."""
 ABSENT, NEXT_TO_NONE, WAVES_SPREAD = 0.25, 0.04, (0.3, 2.0)
-"""Figures of hidden waves: the share of machines without waves, the size of the remaining waves in
-these machines, and the range of sizes in the others (ball screws of 0.5 to 3 um).
-"""
+"""The share of machines without waves between the targets, the size of their waves relative to
+the usual size, and the range of the relative size in all other machines (ball screws of 0.5 to 3
+um)."""
 _FINE = 281
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """A group's independent directions: ``direction`` (q, k) is the change of all amounts for one
-    unit along each direction, including the reaction of the other groups; ``seen`` and ``shown``
-    (k,).
-
-    ``factor`` (points,): equally likely sizes, relative to the estimated size.
-    """
+    """A group of random effects in its independent directions: ``direction`` (q, k) is the
+    change of all random effects for one unit along each direction; ``seen`` and ``shown`` (k,)
+    are the values of the module's equation; ``factor`` (points,) are equally likely f."""
 
     direction: Vector
     seen: Vector
@@ -48,22 +44,17 @@ class Family:
     factor: Vector
 
     def variance(self, factor: Vector) -> Vector:
-        """Return the variance of every direction's amount at sizes, shape (sizes, k)."""
         square = factor[:, None] ** 2
         found: Vector = square / (1.0 + square * self.seen)
         return found
 
     def shift(self) -> Vector:
-        """Return the difference of the amounts at the points from those at the estimated size,
-        shape (points, k).
-        """
         found: Vector = (self.variance(self.factor) - self.variance(np.ones(1))) * self.shown
         return found
 
     def surplus(self) -> Vector:
-        """Return the covariance of the amounts over all sizes less that at the estimated size, in
-        all amounts, shape (q, q).
-        """
+        """Return the covariance of all random effects averaged over ``factor``, minus the
+        covariance at the estimated standard deviation, shape (q, q)."""
         over_all = np.mean(self.variance(self.factor), axis=0)
         beside = np.diag(over_all - self.variance(np.ones(1))[0])
         moved = self.shift()
@@ -72,17 +63,15 @@ class Family:
         return matrix
 
     def alone(self) -> Vector:
-        """Return the group's contribution to the covariance of the amounts at the estimated size,
-        shape (q, q).
-        """
+        """Return the group's part of the covariance of all random effects at the estimated
+        standard deviation, shape (q, q)."""
         matrix: Vector = (self.direction * self.variance(np.ones(1))[0]) @ self.direction.T
         return matrix
 
 
 def family_of(fit: MixedFit, mine: NDArray[np.bool_], log_found: float) -> Family:
-    """Return the family of the causes ``mine`` (q,) of a fit, whose estimated size is
-    ``exp(log_found)`` times the usual one.
-    """
+    """Return the family of the random effects marked in ``mine`` (q,); their estimated standard
+    deviation is ``exp(log_found)`` times the usual value."""
     seen, shown, size = fit.causes.seen, fit.causes.shown, fit.size
     others = np.flatnonzero(~mine)
     own = np.flatnonzero(mine)
@@ -106,15 +95,11 @@ def family_of(fit: MixedFit, mine: NDArray[np.bool_], log_found: float) -> Famil
 
 
 def _points(seen: Vector, shown: Vector, log_found: float) -> Vector:
-    """Return the sizes in the middle of `POINTS` equally likely ranges, relative to the estimated
-    size.
-    """
     found: Vector = _sizes_at((np.arange(POINTS) + 0.5) / POINTS, seen, shown, log_found)
     return found
 
 
 def _sizes_at(probability: Vector, seen: Vector, shown: Vector, log_found: float) -> Vector:
-    """Return the quantiles of the size at given probabilities, relative to the estimated size."""
     log = np.linspace(-FURTHEST, FURTHEST, _FINE) - log_found
     square = np.exp(2.0 * log)[:, None]
     explained = square * shown**2 / (1.0 + square * seen)
@@ -126,27 +111,25 @@ def _sizes_at(probability: Vector, seen: Vector, shown: Vector, log_found: float
 
 
 def size_by_all(families: Sequence[Family], probability: float) -> float:
-    """Return the quantile of the size at a probability, by families of a group in independent fits,
-    relative to their common usual size.
-    """
+    """Return the quantile of a group's standard deviation, relative to the usual value, from the
+    families of the group in independent fits."""
     seen = np.concatenate([np.zeros(0), *(one.seen for one in families)])
     shown = np.concatenate([np.zeros(0), *(one.shown for one in families)])
     return _sizes_at(np.array([probability]), seen, shown, 0.0).item()
 
 
 def likely_factors() -> Vector:
-    """Return equally likely sizes, relative to the usual size, of a cause without readings, shape
-    (points,).
-    """
+    """Return equally likely standard deviations, relative to the usual value, of a random effect
+    that no reading depends on, shape (points,)."""
     return _points(np.zeros(1), np.zeros(1), 0.0)
 
 
 def hidden_factors() -> Vector:
-    """Return equally likely sizes, relative to the usual size, of waves unseen at targets, shape
-    (points,).
+    """Return equally likely sizes of the waves between the targets, relative to the usual size,
+    shape (points,).
 
-    In one machine of four there are nearly no waves (a glass scale in place of an assumed screw),
-    in the others they are within `WAVES_SPREAD`.
+    One machine of four has nearly no waves, because it has a glass scale where a ball screw is
+    assumed.
     """
     share = (np.arange(POINTS) + 0.5) / POINTS
     low, high = WAVES_SPREAD
@@ -156,10 +139,10 @@ def hidden_factors() -> Vector:
 
 
 def class_factors() -> Vector:
-    """Return equally likely sizes, relative to the usual size, of a machine's unmeasured errors: a
-    common size for all, shape (points,).
+    """Return equally likely sizes of a machine's unmeasured errors, relative to the usual size,
+    shape (points,).
 
-    The order of these sizes is independent of the order of `likely_factors`.
+    The order of the values is independent of the order of `likely_factors`.
     """
     order = np.arange(POINTS) * (POINTS // 2) % POINTS
     sizes = np.exp(CLASS_SPREAD * normal_points(POINTS))
@@ -168,7 +151,7 @@ def class_factors() -> Vector:
 
 
 def normal_points(count: int) -> Vector:
-    """Return ``count`` equally likely values of a standard normal variable, in order."""
+    """Return ``count`` equally likely values of a standard normal variable, in ascending order."""
     at = np.linspace(-6.0, 6.0, 2401)
     density = np.exp(-0.5 * at**2)
     share = np.cumsum(density)
@@ -179,7 +162,8 @@ def normal_points(count: int) -> Vector:
 
 
 def families(fit: MixedFit, group: NDArray[np.int64], sizes: Sizes) -> dict[int, Family]:
-    """Return the family of every group whose size was estimated, by its number."""
+    """Return the family of every group with an estimated standard deviation, by the number of
+    the group."""
     return {
         int(place): family_of(fit, group == place, float(np.log(sizes.factor[place])))
         for place in np.flatnonzero(sizes.sought)

@@ -1,5 +1,4 @@
-"""Weighted least squares whose null space is computed: the generalised inverse of the normal
-equations."""
+"""The generalised inverse of the normal matrix of weighted least squares, and its null space."""
 
 from dataclasses import dataclass
 
@@ -12,22 +11,24 @@ from stepdiag.solver.linear.packed import Packed, pack
 from stepdiag.solver.linear.rows import Rows
 
 NULL_TOLERANCE = 1e-7
-"""Length, in columns scaled to unit length, below which the data do not determine a direction."""
+"""A direction in the space of the unknowns is not determined if its image is shorter than this
+length; the columns are scaled to unit length."""
 _SHIFT = 1e-8
 _CANDIDATE = 1e-3
 _FIRST_BLOCK = 12
 REFINEMENTS = 2
 _PIECE = 512
-"""Rows computed together: the memory grows with their number times the number of unknowns."""
+"""Number of rows computed together: the memory grows with this number times the number of
+unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inverse:
-    """A generalised inverse C of the normal matrix, for unknowns in their own order.
+    """A generalised inverse C of the normal matrix.
 
-    ``null`` (count, k) spans the directions that the rows do not determine. Instead, k unknowns
-    (``fixed``) are held at zero: a combination that the rows determine has the same value and
-    variance whichever are held.
+    ``null`` (count, k) spans the directions that the rows do not determine. The k unknowns
+    ``fixed`` are set to zero. The value and variance of a determined combination do not depend on
+    the choice of ``fixed``.
     """
 
     packed: Packed
@@ -38,11 +39,9 @@ class Inverse:
 
     @property
     def rank(self) -> int:
-        """Return the number of combinations of the unknowns that the rows determine."""
         return len(self.scale) - len(self.fixed)
 
     def solve(self, right: Vector) -> Vector:
-        """Return C @ right, shape (count,) or (count, k)."""
         place = self.elimination.blocks.place
         scale = self.scale.copy()
         scale[self.fixed] = 0.0
@@ -52,7 +51,6 @@ class Inverse:
         return solved[:, 0] if right.ndim == 1 else solved
 
     def variance(self) -> Vector:
-        """Return the diagonal of C, shape (count,)."""
         diagonal = self.elimination.diagonal()[self.elimination.blocks.place]
         diagonal[self.fixed] = 0.0
         scaled: Vector = diagonal * self.scale**2
@@ -65,11 +63,7 @@ class Inverse:
         return self.packed.squares(self.elimination, scale)
 
     def among(self, rows: Rows) -> Vector:
-        """Return a' C b for every two of ``rows``, shape (k, k).
-
-        The part within the blocks is solved for, that of the border is a product of what `rows`
-        have beside the blocks: rows touch few of the unknowns, and the border is coupled to all.
-        """
+        """Return a' C b for every pair of ``rows``, shape (k, k)."""
         elimination, place = self.elimination, self.elimination.blocks.place
         start = elimination.blocks.border.start
         scale = self.scale.copy()
@@ -93,9 +87,8 @@ class Inverse:
         return found
 
     def sees(self, combinations: Rows) -> NDArray[np.bool_]:
-        """Return for each row of ``combinations``, a linear function of the unknowns, whether the
-        data determine it, shape (q,).
-        """
+        """Return for each linear function of the unknowns (a row of ``combinations``) whether
+        the data determine it, shape (q,)."""
         length = np.sqrt(
             np.sum((combinations.value * self.scale[combinations.column]) ** 2, axis=1)
         )
@@ -109,8 +102,8 @@ def invert(
 ) -> Inverse:
     """Return a generalised inverse of A.T diag(weight) A.
 
-    ``like`` is an inverse of the same rows under other (positive) weights, or without rows that it
-    determines: the null space depends on neither.
+    ``like`` is an inverse of the same rows with other positive weights, or without rows that it
+    determines. The result uses its null space, which does not depend on such changes.
     """
     packed = like.packed if like and like.packed.rows is rows else pack(rows, blocks)
     system = _scaled(packed, weight)
@@ -120,7 +113,7 @@ def invert(
         basis = np.linalg.qr(like.null[np.argsort(blocks.place)] / system.scale[:, None])[0]
         held = _pivots(basis)
         elimination = eliminate(system.normal.held(held))
-        # where weights have changed by powers of ten, the basis has lost as many digits
+        # a weight that changes by powers of ten costs the basis as many digits
         basis = np.linalg.qr(
             _refined(system, basis @ np.linalg.inv(basis[held]), held, elimination)
         )[0]
@@ -136,29 +129,22 @@ def invert(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _System:
-    """Weighted rows and their normal matrix in block order, with columns scaled to unit length."""
-
     packed: Packed
     weight: Vector
     normal: Normal
     scale: Vector
 
     def image(self, block: Vector) -> Vector:
-        """Return the weighted rows times ``block`` (count, k), which is in the order of the blocks,
-        shape (m, k).
-        """
         in_own_order = (block * self.scale[:, None])[self.packed.blocks.place]
         weighted: Vector = np.sqrt(self.weight)[:, None] * self.packed.times(in_own_order)
         return weighted
 
     def columns(self, places: NDArray[np.int64]) -> Vector:
-        """Return columns of the normal matrix, shape (count, k)."""
         unit = np.zeros((len(self.scale), len(places)))
         unit[places, np.arange(len(places))] = 1.0
         return self.times_normal(unit)
 
     def times_normal(self, block: Vector) -> Vector:
-        """Return the normal matrix times ``block`` (count, k), row by row, shape (count, k)."""
         ordered = np.empty_like(block)
         ordered[self.packed.blocks.place] = self.packed.transposed_times(
             np.sqrt(self.weight)[:, None] * self.image(block)
@@ -166,9 +152,8 @@ class _System:
         return self.scale[:, None] * ordered
 
     def unseen(self, block: Vector, tolerance: float) -> Vector:
-        """Return an orthonormal basis of the undetermined part of the span of orthonormal ``block``
-        (count, k), k > 0.
-        """
+        """Return an orthonormal basis of the directions in the span of ``block`` (count, k) that
+        the rows do not determine."""
         image = self.image(block)
         if np.linalg.norm(image) < tolerance:
             return block
@@ -186,15 +171,15 @@ def _scaled(packed: Packed, weight: Vector) -> _System:
 
 
 def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination]:
-    """Return an orthonormal basis (count, k) of the null space, the unknowns held at zero for it,
-    and the elimination.
+    """Return an orthonormal basis (count, k) of the null space, the unknowns fixed at zero, and the
+    elimination.
 
-    Inverse iteration proposes candidates. Holding one unknown for each makes the matrix regular and
-    gives the candidates to full precision; then the rows themselves show the null directions,
-    because their squares would lose half of the digits.
+    Inverse iteration proposes candidates. With one unknown fixed for each candidate the matrix is
+    regular, and the elimination gives the candidates to full precision. The rows decide, because
+    the normal matrix has lost half of the digits.
     """
     count = len(system.scale)
-    # unknowns that no row involves need no search: with rows of few functions this is true for most
+    # the search excludes unknowns that no row involves: with rows of few functions these are most
     # unknowns
     idle = np.flatnonzero(system.normal.diagonal == 0)
     basis = _candidates(system, idle)
@@ -217,9 +202,8 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
 def _refined(
     system: _System, basis: Vector, held: NDArray[np.int64], elimination: Elimination
 ) -> Vector:
-    """Return nearly null directions (count, k) with the digits restored that the normal matrix
-    lost; ``held`` stay unchanged.
-    """
+    """Return the nearly null directions of ``basis`` (count, k) with the digits that the normal
+    matrix has lost."""
     refined = basis
     for _ in range(REFINEMENTS):
         left = system.times_normal(refined)
@@ -229,9 +213,8 @@ def _refined(
 
 
 def _candidates(system: _System, idle: NDArray[np.int64]) -> Vector:
-    """Return an orthonormal basis of the directions, other than the ``idle`` unknowns, that the
-    rows hardly determine, by inverse iteration on a growing block.
-    """
+    """Return an orthonormal basis of the directions that the rows hardly determine, by inverse
+    iteration on a growing block."""
     count, most = len(system.scale), len(system.scale) - len(idle)
     nearly = eliminate(system.normal.held(idle).raised(np.full(count, _SHIFT)))
     size = min(_FIRST_BLOCK, most)
@@ -249,11 +232,8 @@ def _candidates(system: _System, idle: NDArray[np.int64]) -> Vector:
 
 
 def _pivots(basis: Vector) -> NDArray[np.int64]:
-    """Return as many unknowns as the orthonormal basis (count, k) has columns, chosen so that only
-    the zero vector of its span vanishes there.
-
-    Cholesky's root of the projector basis @ basis.T, with the largest diagonal first.
-    """
+    """Return k unknowns at which only the zero vector of the span of ``basis`` (count, k) is
+    zero: the pivots of the Cholesky root of basis @ basis.T."""
     count, size = basis.shape
     root = np.zeros((size, count))
     left = np.einsum("ij,ij->i", basis, basis)

@@ -1,11 +1,11 @@
-"""A least-squares fit with random effects: causes of which only the usual size is known (Searle,
-Casella, McCulloch 1992, 7.4-7.6).
+"""A least-squares fit with random effects ("causes"), of which only the usual standard deviation
+("size") is known (Searle, Casella, McCulloch 1992, 7.4-7.6).
 
-    target = rows @ unknowns + pattern @ amount + noise,    amount ~ normal(0, size^2),    noise ~
-    normal(0, 1 / weight)
+    target = rows @ unknowns + pattern @ amount + noise
+    amount ~ normal(0, size^2), noise ~ normal(0, 1 / weight)
 
-The rows stay as sparse as before; all quantities of the amounts are matrices of (causes, causes),
-so that sizes are tried in milliseconds.
+The rows are sparse. The matrices of the random effects are small, so that one trial of standard
+deviations takes milliseconds.
 """
 
 from dataclasses import dataclass, replace
@@ -20,19 +20,18 @@ from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.rows import Rows
 
 _SMALL = 48
-"""Number of rows of a triangle inverted at once."""
+"""Largest number of rows of a triangular matrix that is inverted at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class Causes:
-    """The residue of every cause after the fit of the fixed unknowns: ``pattern`` (m, q) is the
-    effect of a unit on the targets.
+    """The random effects after the fit of the fixed unknowns: ``pattern`` (m, q) is the effect of
+    one unit of each random effect on the target.
 
-    ``taken`` (count, q): its image in the unknowns by the fit without causes; ``left`` (m, q):
-    weighted residual of the pattern; ``scaled`` (m, q): its residual times the root of the weight;
-    ``seen`` (q, q) = scaled.T @ scaled; ``shown`` (q,) = scaled.T @ scaled residual of the targets.
-    They are products of residuals: the part of a pattern that the unknowns explain is removed
-    first, and leaves no large rounding error.
+    ``taken`` (count, q) is the effect of the pattern on the fixed unknowns. ``left`` (m, q) is the
+    weighted residual of the pattern; ``scaled`` (m, q) is its residual times the root of the
+    weight. ``seen`` (q, q) = scaled.T @ scaled. ``shown`` (q,) = scaled.T @ scaled residual of the
+    target. Products of residuals have small rounding errors.
     """
 
     pattern: Vector
@@ -44,7 +43,6 @@ class Causes:
 
     @classmethod
     def of(cls, fit: Fit, pattern: Vector) -> "Causes":
-        """Return the residue of the patterns after a fit."""
         taken = fit.inverse.solve(fit.packed.transposed_times(pattern, fit.weight))
         scaled = fit.packed.times(taken)
         np.subtract(pattern, scaled, out=scaled)
@@ -62,9 +60,8 @@ class Causes:
 
 @dataclass(frozen=True, eq=False)
 class MixedFit:
-    """A fit without causes (``fixed``) and its change when each cause may have its ``size``
-    (q,).
-    """
+    """A fit without random effects (``fixed``), and its change by random effects with the
+    standard deviations ``size`` (q,)."""
 
     fixed: Fit
     causes: Causes
@@ -72,27 +69,21 @@ class MixedFit:
 
     @property
     def rows(self) -> Rows:
-        """Return the rows of the fixed unknowns."""
         return self.fixed.rows
 
     @property
     def weight(self) -> Vector:
-        """Return the weights of the rows."""
         return self.fixed.weight
 
     @property
     def inverse(self) -> Inverse:
-        """Return the generalised inverse for the fixed unknowns with known causes."""
         return self.fixed.inverse
 
     @cached_property
     def damped_root(self) -> Vector:
-        """Return a factor of the inverse of D = 1 + size seen size: inverse = root.T @ root, shape
-        (q, q).
-
-        No eigenvalue of D is below one: if the noise is next to nothing, rounding must not create a
-        smaller value.
-        """
+        """Return a factor of the inverse of D = 1 + size seen size, shape (q, q): inverse =
+        root.T @ root. Every eigenvalue of D is at least one; rounding could give a smaller
+        value."""
         damped = np.eye(len(self.size)) + self.size[:, None] * self.causes.seen * self.size
         try:
             root = _inverse_of_lower(
@@ -105,31 +96,30 @@ class MixedFit:
 
     @cached_property
     def root(self) -> Vector:
-        """Return a factor of the covariance of the amounts: root.T @ root, shape (q, q)."""
+        """Return a factor of the covariance of the random effects, shape (q, q): covariance =
+        root.T @ root."""
         factor: Vector = self.damped_root * self.size
         return factor
 
     @cached_property
     def amount_covariance(self) -> Vector:
-        """Return the covariance of the amounts given the readings, shape (q, q)."""
         matrix: Vector = self.root.T @ self.root
         return matrix
 
     @cached_property
     def amount(self) -> Vector:
-        """Return the most likely amount of every cause, given the readings, shape (q,)."""
+        """Return the most likely amount of every random effect, shape (q,)."""
         found: Vector = self.root.T @ (self.root @ self.causes.shown)
         return found
 
     @cached_property
     def unknowns(self) -> Vector:
-        """Return the fixed unknowns, shape (count,)."""
         found: Vector = self.fixed.unknowns - self.causes.taken @ self.amount
         return found
 
     @cached_property
     def residual(self) -> Vector:
-        """Return target - rows @ unknowns - pattern @ amount, the noise, shape (m,)."""
+        """Return target - rows @ unknowns - pattern @ amount, shape (m,)."""
         used = self.weight > 0
         left: Vector = self.fixed.residual - np.where(
             used,
@@ -141,21 +131,18 @@ class MixedFit:
 
     @cached_property
     def taken_over(self) -> Vector:
-        """Return the part of each row's weighted residual explained by independent combinations of
-        the causes, shape (m, q).
-        """
+        """Return the part of each row's weighted residual that the random effects explain, in
+        independent combinations, shape (m, q)."""
         found: Vector = self.causes.left @ self.root.T
         return found
 
     @cached_property
     def redundancy(self) -> Vector:
-        """Return for each row the share of its own noise in its residual, shape (m,), 1 for a
-        weight of 0.
-        """
+        """Return the redundancy of each row, shape (m,): the share of the row's own noise in its
+        residual."""
         return self._redundancy(np.arange(len(self.weight)), self.taken_over)
 
     def redundancy_of(self, rows: NDArray[np.int64]) -> Vector:
-        """Return the same share for some rows, shape (rows,), without computing all."""
         return self._redundancy(rows, self.causes.left[rows] @ self.root.T)
 
     def _redundancy(self, rows: NDArray[np.int64], taken_over: Vector) -> Vector:
@@ -167,32 +154,31 @@ class MixedFit:
         return clipped
 
     def for_target(self, target: Vector) -> "MixedFit":
-        """Return the fit of another target (m,), with the same weights and sizes."""
+        """Return the fit of another target (m,) with the same weights and standard deviations."""
         fixed = refit(self.rows, target, self.weight, self.inverse)
         shown = self.causes.scaled.T @ (np.sqrt(fixed.weight) * fixed.residual)
         return MixedFit(fixed, replace(self.causes, shown=shown), self.size)
 
     def of_rows(self, kept: NDArray[np.bool_]) -> "MixedFit":
-        """Return the fit of some rows alone, ``kept`` (m,), with the same sizes."""
+        """Return the fit of the rows marked in ``kept`` (m,), with the same standard deviations."""
         weight = np.where(kept, self.weight, 0.0)
         fixed = fit(self.rows, self.fixed.packed.blocks, self.fixed.target, weight)
         return MixedFit(fixed, Causes.of(fixed, self.causes.pattern), self.size)
 
     @property
     def freedom(self) -> int:
-        """Return the degrees of freedom of the fixed unknowns."""
         return self.fixed.freedom
 
     @cached_property
     def chi_square(self) -> float:
-        """Return the square sum of the residuals, weighted with noise and causes together."""
+        """Return the square sum of the residuals, weighted by the covariance of noise and random
+        effects."""
         return float(self.fixed.chi_square - self.causes.shown @ self.amount)
 
 
 def _inverse_of_lower(lower: Vector) -> Vector:
-    """Return the inverse of a lower triangular matrix, half by half: nearly all of the work is
-    products of matrices.
-    """
+    """Return the inverse of a triangular matrix by halves: most operations are fast matrix
+    products."""
     size = len(lower)
     if size <= _SMALL:
         small: Vector = np.linalg.inv(lower).astype(np.float64, copy=False)
@@ -206,4 +192,3 @@ def _inverse_of_lower(lower: Vector) -> Vector:
 
 
 AnyFit = Fit | MixedFit
-"""A fit with residuals, weights and redundancies."""

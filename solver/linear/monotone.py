@@ -1,4 +1,4 @@
-"""Sequences that fall: pool adjacent violators."""
+"""Monotone regression by the pool-adjacent-violators algorithm."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,9 +7,8 @@ from stepdiag.base.volume import Vector
 
 
 def falling_pools(values: Vector) -> NDArray[np.int64]:
-    """Return for each value the first place of its pool, shape (k,): the means of the pools are the
-    nearest sequence that never rises.
-    """
+    """Return the index of the first value of each value's pool, shape (k,). The pool means are
+    the falling sequence nearest to ``values``."""
     pools: list[tuple[float, int]] = []
     for value in values.tolist():
         mean, count = value, 1
@@ -22,7 +21,7 @@ def falling_pools(values: Vector) -> NDArray[np.int64]:
 
 
 def pool_means(values: Vector, first: NDArray[np.int64]) -> Vector:
-    """Return the mean of each value's pool, by the ``first`` places of `falling_pools`."""
+    """Return the mean of each value's pool; ``first`` is the result of `falling_pools`."""
     totals = np.bincount(first, weights=values, minlength=len(values))
     means: Vector = totals[first] / np.bincount(first, minlength=len(values))[first]
     return means

@@ -1,10 +1,5 @@
-"""Rows sorted by their blocks: each lot is a small dense matrix, and all operations are small
-products.
-
-A row of a survey involves a block of unknowns, the previous block and the border. Thousands of
-stops become n dense pieces of some dozen columns, on which the processor is ten times as fast as on
-single entries.
-"""
+"""Sparse rows packed into dense matrices of some dozen columns, one for each block of unknowns.
+The processor is ten times as fast on dense matrices as on single entries."""
 
 from dataclasses import dataclass
 
@@ -18,9 +13,9 @@ from stepdiag.solver.linear.rows import Rows
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """Rows ``row`` (r,) that involve block ``block`` (-1: the border only), the previous block and
-    the border: ``value`` (r, c) in the unknowns ``column`` (c,).
-    """
+    """Rows ``row`` (r,) that depend on one block of unknowns, the previous block and the border:
+    ``value`` (r, c) in the columns ``column`` (c,). The number ``block`` is -1 if the rows
+    depend on the border only."""
 
     block: int
     row: NDArray[np.int64]
@@ -30,23 +25,18 @@ class Piece:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Packed:
-    """The same matrix as ``rows``, in pieces."""
-
     rows: Rows
     blocks: Blocks
     pieces: tuple[Piece, ...]
 
     def times(self, unknowns: Vector) -> Vector:
-        """Return A @ unknowns, shape (m, k) for (count, k)."""
         total = np.zeros((len(self.rows), unknowns.shape[1]))
         for piece in self.pieces:
             total[piece.row] = piece.value @ unknowns[piece.column]
         return total
 
     def transposed_times(self, readings: Vector, weight: Vector | None = None) -> Vector:
-        """Return A.T @ readings, shape (count, k) for (m, k); ``weight`` (m,) is the weight of the
-        readings, if given.
-        """
+        """Return A.T @ readings, shape (count, k) for (m, k), or A.T @ diag(weight) @ readings."""
         total = np.zeros((self.rows.count, readings.shape[1]))
         for piece in self.pieces:
             value = piece.value if weight is None else piece.value * weight[piece.row, None]
@@ -54,7 +44,6 @@ class Packed:
         return total
 
     def normal(self, weight: Vector) -> Normal:
-        """Return A.T diag(weight) A in the order of the blocks."""
         blocks, edges = self.blocks, self.blocks.edges
         sizes = np.diff(edges)
         start = blocks.border.start
@@ -83,15 +72,15 @@ class Packed:
         return Normal(blocks, own, lower, coupling, border)
 
     def squares(self, elimination: Elimination, scale: Vector) -> Vector:
-        """Return a' S C S a for every row a, shape (m,), with C the inverse behind the elimination
-        and S diagonal, ``scale`` (count,)."""
+        """Return a' S C S a for every row a, shape (m,): C is the inverse by ``elimination``, S
+        is diag(scale)."""
         total = np.zeros(len(self.rows))
         by_block = {piece.block: piece for piece in self.pieces}
         for block, inverse in elimination.around():
             if block in by_block:
                 piece = by_block[block]
                 scaled = piece.value * scale[piece.column]
-                # of a prior on one unknown, only the diagonal counts
+                # for a prior on one unknown the diagonal of the inverse is enough
                 several = np.count_nonzero(piece.value, axis=1) > 1
                 square = scaled**2 @ np.diag(inverse)
                 some = scaled[several]
@@ -101,9 +90,7 @@ class Packed:
 
 
 def pack(rows: Rows, blocks: Blocks) -> Packed:
-    """Return rows in pieces. Raises ``ValueError`` for a row that involves blocks which are not
-    neighbours.
-    """
+    """Raises ``ValueError`` for a row that depends on two blocks which are not neighbours."""
     order = np.argsort(blocks.place)
     edges, border = blocks.edges, order[blocks.border]
     group = np.full(rows.count, -1)
@@ -123,9 +110,6 @@ def pack(rows: Rows, blocks: Blocks) -> Packed:
 
 
 def _dense(rows: Rows, row: NDArray[np.int64], column: NDArray[np.int64]) -> Vector:
-    """Return some rows in some columns, which must include all their non-zero columns, shape (rows,
-    columns).
-    """
     local = np.full(rows.count, -1)
     local[column] = np.arange(len(column))
     value = rows.value[row]

@@ -1,5 +1,4 @@
-"""A design matrix by rows that hold only their non-zero entries: a reading touches some 20 of up to
-2000 unknowns."""
+"""A sparse design matrix: a reading depends on about 20 of up to 2000 unknowns."""
 
 from dataclasses import dataclass
 
@@ -11,10 +10,10 @@ from stepdiag.base.volume import Vector
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """A matrix A of ``count`` columns: entry ``value[i, k]`` stands in column ``column[i, k]``,
-    shapes (m, width).
+    """A matrix A of ``count`` columns: the entry ``value[i, k]`` of row i is in column ``column[i,
+    k]``, shapes (m, width).
 
-    Unused places hold the value 0 (in any column).
+    Unused entries have the value 0.
     """
 
     column: NDArray[np.int64]
@@ -25,13 +24,11 @@ class Rows:
         return len(self.column)
 
     def select(self, rows: NDArray[np.int64]) -> "Rows":
-        """Return some of the rows, in this order."""
         return Rows(self.column[rows], self.value[rows], self.count)
 
     def summed(self, amount: Vector) -> "Rows":
-        """Return sums of the rows, each times its ``amount`` (sums, m): a row belongs to at most
-        one sum.
-        """
+        """Return the matrix ``amount`` (sums, m) times the rows. Each row belongs to at most one
+        sum."""
         of = [np.flatnonzero(each) for each in amount]
         most, width = max(map(len, of), default=0), self.column.shape[1]
         column = np.zeros((len(amount), most, width), dtype=np.int64)
@@ -54,7 +51,6 @@ class Rows:
         return total
 
     def transposed_times(self, readings: Vector) -> Vector:
-        """Return A.T @ readings, shape (count,)."""
         weights = (self.value * readings[:, None]).ravel()
         total: Vector = np.bincount(
             self.column.ravel(), weights=weights, minlength=self.count
@@ -62,13 +58,11 @@ class Rows:
         return total
 
     def dense(self) -> Vector:
-        """Return the matrix itself, shape (m, count)."""
         matrix = np.zeros((len(self), self.count))
         np.add.at(matrix, (np.arange(len(self))[:, None], self.column), self.value)
         return matrix
 
     def followed_by(self, other: "Rows") -> "Rows":
-        """Return these rows followed by others of the same columns."""
         width = max(self.column.shape[1], other.column.shape[1])
         columns = [
             np.pad(rows.column, ((0, 0), (0, width - rows.column.shape[1])))

@@ -1,6 +1,4 @@
-"""Choices between values that are equal except for rounding: another processor rounds
-differently.
-"""
+"""A choice between nearly equal values that does not depend on the rounding of the processor."""
 
 from collections.abc import Sequence
 
@@ -9,11 +7,10 @@ import numpy as np
 from stepdiag.base.volume import Vector
 
 ALIKE = 1e-6
-"""Relative difference below which the largest of several values is a matter of chance."""
+"""Relative difference below which two values are treated as equal."""
 
 
 def first_of_the_largest(values: Sequence[float] | Vector) -> int:
-    """Return the index of the largest of non-negative values; of values whose difference is only
-    rounding, the first.
-    """
+    """Return the index of the largest of non-negative values; of equal values, the index of the
+    first."""
     return int(np.argmax(np.asarray(values) >= (1.0 - ALIKE) * np.max(values)))
