@@ -1,5 +1,5 @@
-"""Angular functions known from a 4-DOF head or a level: the angles file (contract 4) and its values
-at the nodes."""
+"""The angles file (contract 4): angular functions that a 4-DOF head or an electronic level
+measured."""
 
 import math
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ ROTATION_COLUMNS = ("EA_urad", "EB_urad", "EC_urad")
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownAngle:
     """One angular function: positions ascending in mm, values in urad, standard uncertainties in
-    urad (NaN where not stated)."""
+    urad (NaN if missing)."""
 
     position_mm: Vector
     value_urad: Vector
@@ -28,7 +28,6 @@ class KnownAngle:
 
 
 Angles = Mapping[str, KnownAngle]
-"""The known angular functions by name (EAX .. ECZ)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +39,11 @@ class _Row:
 
 
 def parse_angles(text: str, source: str = "angles.csv") -> Angles:
-    """Return the functions of an angles file (contract 4); an empty field is a missing value, a
-    column without a number gives no function.
+    """Return the functions of an angles file (contract 4). An empty field is a missing value; a
+    column without values gives no function.
 
-    Raises ``DataError``, with the line, for content that is not such a file, and for a function
-    with fewer than two positions.
+    Raises ``DataError``, with the line number, for an invalid file and for a function with fewer
+    than two positions.
     """
     table = read_table(text, source, ("axis", "position_mm", *ROTATION_COLUMNS))
     rows = [_angle_row(source, number, fields) for number, fields in table]
@@ -107,9 +106,8 @@ def _function(where: str, rows: list[_Row], component: int) -> KnownAngle:
 
 
 def render_angles(angles: Angles) -> str:
-    """Return the text of an angles file (contract 4) with LF line ends and six decimals: the same
-    functions give the same bytes. Functions with different uncertainties stand in different rows.
-    """
+    """Return the text of an angles file (contract 4) with LF line ends and six decimals. Values
+    at one position with different uncertainties are written in different rows."""
     lines = ["axis,position_mm," + ",".join(ROTATION_COLUMNS) + ",u_urad"]
     for axis, letter in enumerate(AXES):
         mine = [angles.get(name) for name in ROTATIONS[3 * axis : 3 * axis + 3]]
@@ -152,11 +150,11 @@ def _interpolated(position_mm: Vector, values: Vector, at_mm: float) -> float:
 
 
 def angle_at_nodes(known: KnownAngle, name: str, volume: Volume) -> tuple[Vector, Vector]:
-    """Return an angular function and its standard uncertainty at nodes 1 .. n of its axis, relative
-    to node 0, shapes (n,), in urad.
+    """Return an angular function and its standard uncertainty in urad at nodes 1 .. n of its axis,
+    relative to node 0, shapes (n,).
 
-    The values are interpolated linearly between the known positions. Raises ``DataError`` where the
-    file does not reach both ends of the volume.
+    The values are interpolated linearly. Raises ``DataError`` if the positions of the function do
+    not cover the volume.
     """
     nodes = volume.nodes_mm(AXES.index(name[2].lower()))
     low, high = known.position_mm[0], known.position_mm[-1]

@@ -1,11 +1,10 @@
-"""Readings between the nodes: the departure of a function from the straight line between its nodes,
-as further unknowns of the adjustment.
+"""Targets between the nodes: the deviation of an error function from the straight line between two
+nodes is a random effect of the adjustment.
 
-A linear run may have more targets than the diagonals, diagonals may have different increments, and
-a 4-DOF head's run may have more stops: a function's departure in such a reading is not noise.
-Within a cell (two neighbouring nodes) the departure is a Brownian bridge (zero at both nodes,
-without further smoothness). The size of these bridges is estimated together with the sizes of the
-other effects.
+Such targets exist if a linear run has more targets than the diagonals, if the diagonals have
+different increments, or if a 4-DOF head measured at more stops. Between two neighbouring nodes the
+deviation is modelled as a Brownian bridge, which is zero at both nodes. Its standard deviation is
+estimated from the readings.
 """
 
 from collections.abc import Sequence
@@ -23,24 +22,20 @@ from stepdiag.solver.model.lateral import MeasuredStraightness, nodes_of
 from stepdiag.solver.model.layout import Layout
 
 USUAL_UM = 0.5
-"""Standard deviation of a function's departure in the middle between two nodes, at the start of the
-search for this size.
-"""
+"""Initial standard deviation of an error function in the middle between two nodes, in um."""
 MOST_CAUSES = 600
-"""Largest number of causes between the nodes: if the positions need more, only the longest waves of
-every cell are kept, because shorter waves are smaller.
-"""
+"""Largest number of random effects between the nodes. If the targets require more, the
+adjustment omits the shortest waves, because these are the smallest."""
 BETWEEN = "between the nodes"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisBetween:
-    """The positions between the nodes of an axis in mm, ascending, and the ``basis`` (positions, r)
-    of a function's departure at these positions.
+    """The targets between the nodes of an axis in mm, ascending, and the ``basis`` (positions, r)
+    of the random effects at these targets.
 
-    ``alone`` (positions,) marks the positions of a laser's run of this axis alone: only such a run
-    measures the positioning function there. At the other positions a reading contains a sum of
-    functions, or a head measured the straightness.
+    ``alone`` (positions,) marks the targets of a linear run: only a linear run measures the
+    positioning function itself there.
     """
 
     position_mm: Vector
@@ -50,33 +45,29 @@ class AxisBetween:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Between:
-    """The positions between the nodes by axis, and the ``names`` of the functions that affect the
-    readings at these positions, in the order of the causes.
-    """
+    """The targets between the nodes of all axes, and the ``names`` of the functions that the
+    readings at these targets depend on."""
 
     axes: tuple[AxisBetween, ...]
     names: tuple[str, ...]
 
     @property
     def count(self) -> int:
-        """Return the number of causes between the nodes."""
         return sum(self.of(name).basis.shape[1] for name in self.names)
 
     def of(self, name: str) -> AxisBetween:
-        """Return the positions between the nodes, and the basis there, of a function's axis."""
         return self.axes[DISPLACEMENTS.index(name) // 3]
 
     def causes_of(self, name: str) -> slice:
-        """Return the indices of a function's causes among all causes between the nodes."""
+        """Return the indices of a function's random effects."""
         before = self.names[: self.names.index(name)]
         first = sum(self.of(one).basis.shape[1] for one in before)
         return slice(first, first + self.of(name).basis.shape[1])
 
 
 def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) -> Between:
-    """Return the causes between the nodes that the readings and a head's passes contain: none if
-    all positions are nodes.
-    """
+    """Return the random effects between the nodes that the readings or a head's passes depend
+    on."""
     off = _off_nodes(layout)
     heads = [(one.name, one.position_mm[_head_off_nodes(layout, one)]) for one in measured]
     by_head = {name for name, at_mm in heads if len(at_mm)}
@@ -104,9 +95,7 @@ def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) ->
 
 
 def effect_between(layout: Layout, between: Between) -> Effect:
-    """Return the effect of the functions' departures between the nodes on the readings, one column
-    for each cause.
-    """
+    """Return the effect of the functions between the nodes on the readings."""
     off = _off_nodes(layout)
     pattern = np.zeros((len(layout), between.count))
     for name in between.names:
@@ -123,9 +112,8 @@ def effect_between(layout: Layout, between: Between) -> Effect:
 def between_beside_head(
     layout: Layout, measured: Sequence[MeasuredStraightness], between: Between
 ) -> Vector:
-    """Return the effect of the functions' departures between the nodes on the head's values, shape
-    (rows, causes).
-    """
+    """Return the effect of the functions between the nodes on the head's values, shape (rows,
+    random effects)."""
     pieces = [np.zeros((0, between.count))]
     for one in measured:
         rows = np.flatnonzero(_head_off_nodes(layout, one))
@@ -140,10 +128,10 @@ def between_beside_head(
 
 
 def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
-    """Return for each reading and axis whether the stop lies between the nodes of an axis that the
+    """Return for each reading and axis whether the target is between nodes of an axis that the
     setup travels, shape (m, 3).
 
-    An axis that stands adds its error to the offset of the count.
+    The error of an axis that does not travel is part of the offset.
     """
     _, fraction = between_nodes(layout.volume, layout.position_mm)
     travels = np.array([setup.signs for setup in layout.setups])[layout.setup_index] != 0
@@ -152,9 +140,6 @@ def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
 
 
 def _head_off_nodes(layout: Layout, one: MeasuredStraightness) -> NDArray[np.bool_]:
-    """Return for each position of a head's pass whether it lies off the nodes of its axis, shape
-    (k,).
-    """
     _, fraction = nodes_of(layout.volume, AXIS_LETTERS.index(one.name[2]), one)
     found: NDArray[np.bool_] = (fraction > 0) & (fraction < 1)
     return found
@@ -174,9 +159,8 @@ def _positions(
 def _axis(
     layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool_], waves: float
 ) -> AxisBetween:
-    """Return the basis of the departures at some positions of an axis: in each cell between two
-    neighbouring nodes the bridge has at most ``waves`` half waves.
-    """
+    """Return the random effects at the targets of an axis: between two neighbouring nodes at
+    most ``waves`` half waves."""
     steps = (
         (position_mm - layout.volume.origin_mm[axis])
         / layout.volume.length_mm[axis]
@@ -201,7 +185,7 @@ def _axis(
 
 
 def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> AxisBetween:
-    """Return the axis with fewer half waves in its basis: the given share, at least one a cell."""
+    """Return the axis with a ``share`` of its half waves, at least one between two nodes."""
     volume = layout.volume
     steps = (
         (axis.position_mm - volume.origin_mm[number])
@@ -219,8 +203,7 @@ def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> Ax
 
 
 def _places(positions: Vector, wanted: Vector) -> NDArray[np.int64]:
-    """Return for each wanted value the index of the stored position at or below it: of positions
-    equal within the tolerance the smallest is stored.
-    """
+    """Return the index in ``positions`` of each value of ``wanted``: of positions equal within
+    the tolerance only the smallest is stored."""
     found: NDArray[np.int64] = np.searchsorted(positions, wanted, side="right") - 1
     return found

@@ -1,22 +1,18 @@
-"""The linear model of the readings: each reading is a sum over the machine's errors at the nodes
-and the further unknowns of the reading's setup.
+"""The linear model: each reading is a sum of the machine's errors at the nodes and the unknowns of
+its setup.
 
-    deviation = d . sum_a delta_a(a) + sum_a alpha_a(a) . ((spot - O_a) x d)     theory 4.3, first
-    order exact for a rigid body
-              + approach_a / 2 * d . (play_a + reversal_a(a))                     where out-and-back
-                data separate the directions
-              + nu . (P - P_0) + offset of the count + drift * time               mirror tilt:
-                theory 4.2
-              + d . sum_a miss_a(move that brought axis a there)                  how the machine
-                repeats: solver.adjustment.scatter
+    deviation =
+      d . sum_a delta_a(a) + sum_a alpha_a(a) . ((spot - O_a) x d)   theory 4.3, first order
+      + approach_a / 2 * d . (play_a + reversal_a(a))                for out-and-back data
+      + nu . (P - P_0) + offset + drift * time                       mirror tilt: theory 4.2
+      + d . sum_a miss_a(last move of axis a)                        solver.adjustment.scatter
 
 ``play_a`` is the reversal at the low end of axis a. It is an unknown if an outward pass and its
-return share the zero of the laser's count; else the offset of each pass absorbs this reversal.
+return pass share the zero of the laser's count; otherwise the offsets of the passes contain it.
 
-Units: um, urad, mm; tilts in mrad. Unknowns of the machine are node values, zero at the first node
-of each axis, linear between nodes. Rigid rotations are free in this model:
-`solver.linear.least_squares` finds the directions that the readings do not determine, without
-assumptions.
+Units: um, urad, mm; tilts in mrad. The errors of the machine are zero at the first node of each
+axis and linear between nodes. The model does not fix rigid rotations: `solver.linear.least_squares`
+computes the directions that the readings do not determine.
 """
 
 from collections.abc import Sequence
@@ -33,20 +29,20 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import Layout
 
 _ROUNDING = 1e-9
-"""Share of an increment below which a difference of positions is rounding."""
+"""Share of an increment: a smaller difference of positions is rounding."""
 FEW_UNKNOWNS = 128
-"""Number of unknowns eliminated at once: smaller blocks would cost more time in calls than they
-save.
-"""
+"""Number of unknowns below which the elimination uses a single block; smaller blocks would be
+slower."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """Choice of the unknowns besides displacements, offsets, tilts and drifts. ``lines`` is the
-    number of passes of the 4-DOF head, one for each lateral direction.
+    """The optional unknowns of the design; displacements, offsets, tilts and drifts are always
+    unknowns.
 
-    With ``misses`` the deviation of each move's end from the target is an unknown, which only a
-    prior separates from the machine's errors (`solver.model.priors`).
+    ``lines`` is the number of passes of the 4-DOF head, counted for each lateral direction.
+    ``misses`` adds the positioning deviation of each move as an unknown; only a prior separates it
+    from the machine's errors (`solver.model.priors`).
     """
 
     angles: bool = False
@@ -58,12 +54,12 @@ class Model:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """Numbers of the columns that the unknowns have in the design. Functions are numbered by part
-    (0 displacement, 1 rotation, 2 reversal), axis and component.
+    """The column numbers of the unknowns. A function has a part (0 displacement, 1 rotation, 2
+    reversal), an axis and a component.
 
-    The nine reversals at the low end of the axes, by axis and component, begin at column ``play``;
-    ``play == offset`` means none. The offset and slope of every line in `solver.model.lateral`
-    begin at column ``line``, the misses of the moves at column ``miss``.
+    ``play`` is the first column of the nine reversals at the low ends of the axes; ``play ==
+    offset`` means that there are none. ``line`` is the first column of the offsets and slopes of
+    `solver.model.lateral`. ``miss`` is the first column of the positioning deviations of the moves.
     """
 
     nodes: int
@@ -79,7 +75,7 @@ class Columns:
 
     @property
     def machine(self) -> int:
-        """Return the number of unknowns of the machine; these have the first columns."""
+        """Return the number of the machine's unknowns, which are the first columns."""
         return self.offset
 
     def of(self, part: int, axis: int, component: int) -> NDArray[np.int64]:
@@ -93,12 +89,11 @@ class Columns:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Design:
-    """The rows of all readings, and the meaning of the columns of tilts and drifts.
+    """The rows of all readings, and the properties of the tilt and drift columns.
 
-    ``tilt_direction`` (k, 3) is the direction in which each tilt column tilts its mirror;
-    ``drift_pairs`` names, for each drift column, the setup, the out-and-back pair, and whether the
-    drift is per hour (else per stop). ``drift_spans`` is the duration of each pair in the same
-    unit.
+    ``tilt_direction`` (k, 3) is the direction of each mirror tilt. ``drift_pairs`` contains for
+    each drift column the setup, the number of the out-and-back pair, and True for a drift per hour
+    or False for a drift per stop. ``drift_spans`` is the duration of each pair in hours or stops.
     """
 
     volume: Volume
@@ -113,8 +108,7 @@ class Design:
 
 def build_design(layout: Layout, chain: str, model: Model) -> Design:
     """Return the design of a survey for a kinematic chain. Raises ``UsageError`` for an invalid
-    chain.
-    """
+    chain."""
     tilt_setup, tilt_direction = _tilts(layout)
     pairs = _drift_pairs(layout)
     parts = tuple(
@@ -165,9 +159,7 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
 
 
 def machine_rows(layout: Layout, chain: str, columns: Columns) -> Rows:
-    """Return the effect of the machine's own unknowns on every reading of a layout: the same rows
-    as in `build_design`.
-    """
+    """Return the effect of the machine's unknowns on every reading, as in `build_design`."""
     return _packed_rows(
         [_machine_entries(layout, chain, columns), _play_entries(layout, columns)], columns
     )
@@ -184,9 +176,8 @@ def _packed_rows(
 
 
 def between_nodes(volume: Volume, position_mm: Vector) -> tuple[NDArray[np.int64], Vector]:
-    """Return, for positions (m, 3), the node below and the fraction of the increment from this node
-    to the next; a position that differs from a node only by rounding lies on the node.
-    """
+    """Return, for positions (m, 3), the node below and the fraction of the increment from this
+    node. A position within rounding of a node is at the node."""
     steps = (position_mm - volume.origin_mm) / volume.length_mm * volume.increments
     near = np.round(steps)
     steps = np.where(np.abs(steps - near) <= _ROUNDING, near, steps)
@@ -195,17 +186,16 @@ def between_nodes(volume: Volume, position_mm: Vector) -> tuple[NDArray[np.int64
 
 
 def displacement_coefficients(layout: Layout) -> Vector:
-    """Return d for every axis, shape (m, axis, component): the change of the reading in um by 1 um
-    of displacement.
-    """
+    """Return the change of each reading in um for 1 um of displacement, shape (m, axis,
+    component): the beam direction d."""
     return np.repeat(layout.direction[:, None, :], 3, axis=1)
 
 
 def rotation_coefficients(layout: Layout, chain: str) -> Vector:
-    """Return (spot - O_a) x d in m, shape (m, axis, component): the change of the reading in um by
-    1 urad of rotation (theory 4.3).
+    """Return the change of each reading in um for 1 urad of rotation, shape (m, axis, component):
+    (spot - O_a) x d in m (theory 4.3).
 
-    Abbe arms count from the low corner of the volume, because the displacement functions are those
+    Abbe arms begin at the low corner of the volume, because the displacement functions are defined
     on the lines through this corner.
     """
     from_corner = layout.position_mm - layout.volume.origin_mm
@@ -244,9 +234,8 @@ def _machine_entries(
 def _function_entries(
     columns: Columns, part: int, node: NDArray[np.int64], value: Vector
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Return columns and values, nine entries a row. The functions of an axis are zero at its first
-    node, which has no unknown.
-    """
+    """Return columns and values, nine entries in each row. Functions are zero at the first node,
+    which has no unknown."""
     start = columns.parts.index(part) * 9 * columns.nodes
     known = np.maximum(node, 1) - 1
     column = start + ((np.arange(3) * columns.nodes + known) * 3)[:, :, None] + np.arange(3)
@@ -256,9 +245,6 @@ def _function_entries(
 
 
 def _play_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Return columns and values of the reversals at the low end, nine entries a row; none if
-    constant backlash is not observable.
-    """
     count = columns.offset - columns.play
     column = np.broadcast_to(columns.play + np.arange(count), (len(layout), count))
     value = displacement_coefficients(layout) * layout.approach[:, :, None] / 2.0
@@ -266,19 +252,18 @@ def _play_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], 
 
 
 def _offset_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Return columns and values of the offsets of the counts. Every count has an offset, because
-    all its readings are relative to its first stop, which is as uncertain as the other stops.
+    """Return columns and values of the offsets: each offset is an unknown, because the first stop
+    has the same noise as all other stops.
 
-    An outward pass and its return share an offset; a repetition has another offset, so the drift of
-    the count between repetitions has no effect.
+    An outward pass and its return pass share an offset. Each repetition has its own offset, so a
+    drift of the count between repetitions has no effect.
     """
     return (columns.offset + layout.offset_index)[:, None], np.ones((len(layout), 1))
 
 
 def _tilts(layout: Layout) -> tuple[tuple[int, ...], Vector]:
-    """Return the setup and the direction of every mirror tilt that the travel of a setup can show;
-    travel along the beam shows no tilt.
-    """
+    """Return the setup and the direction of every observable mirror tilt: a tilt is observable
+    if the setup travels across the beam in its direction."""
     setups: list[int] = []
     directions: list[Vector] = [np.zeros((0, 3))]
     for index in range(len(layout.setups)):
@@ -317,9 +302,8 @@ def _tilt_entries(
 
 
 def _drift_pairs(layout: Layout) -> list[tuple[str, int, NDArray[np.bool_]]]:
-    """Return setup, pair number and rows of every outward pass with its return: only such pairs
-    separate drift from the machine's errors.
-    """
+    """Return setup, pair number and rows of every outward pass with its return pass: only such
+    pairs separate drift from the machine's errors."""
     numbers = {key: index for index, key in enumerate(layout.passes)}
     pairs = []
     for key, index in numbers.items():
@@ -342,9 +326,6 @@ def _drift_entries(
 
 
 def _miss_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Return columns and values of the moves' misses, three entries a row: one for each axis' last
-    move. No entries if the model has no misses.
-    """
     if columns.count == columns.miss:
         return np.zeros((len(layout), 0), dtype=np.int64), np.zeros((len(layout), 0))
     travels = layout.arrival >= 0
@@ -352,9 +333,8 @@ def _miss_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], 
 
 
 def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
-    """Return the block of every unknown for the elimination, -1 for unknowns in the border:
-    offsets, tilts, drifts, end nodes, and nodes at which an axis stands during a pass.
-    """
+    """Return the block of every unknown for the elimination. Border unknowns have the number -1:
+    offsets, tilts, drifts, end nodes, and nodes at which an axis does not move during a pass."""
     group = np.full(columns.count, -1, dtype=np.int64)
     if columns.count <= FEW_UNKNOWNS:
         return group
@@ -379,7 +359,7 @@ def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
 
 
 def _merged(group: NDArray[np.int64], rows: Rows) -> NDArray[np.int64]:
-    """Return the groups, merged until each row contains unknowns of neighbouring groups only."""
+    """Return block numbers for which each row depends on neighbouring blocks only."""
     touched = np.where(rows.value != 0, group[rows.column], -1)
     highest = touched.max(axis=1)
     lowest = np.where(touched < 0, highest[:, None], touched).min(axis=1)

@@ -1,11 +1,8 @@
-"""Causes that change many readings together, and of which only the usual size is known: the random
-effects of the adjustment.
+"""The random effects of the adjustment: errors that change many readings together, for example
+angles or drift, and of which only the usual size is known.
 
-Each kind of cause is an `Effect`: a pattern of changes of the readings (a column for each
-independent cause, at one standard deviation of the usual size), the words for the report, and
-whether the size is estimated. The sizes are estimated from the readings by restricted maximum
-likelihood (`solver.linear.components`); a size that the readings do not determine stays at the
-assumed value and increases the uncertainty.
+Restricted maximum likelihood estimates the sizes from the readings (`solver.linear.components`). If
+the readings do not determine a size, the assumed size is used and increases the uncertainty.
 """
 
 from collections.abc import Mapping
@@ -24,43 +21,38 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.warmth import counted_mm, excess_c
 
 LINE_SHARE, WAVE_SHARE = 0.3, 0.32
-"""Standard deviations of an angular function's straight part at the far end and of its first half
-wave, as shares of its range; the standard deviations of higher half waves decrease with their
-number, as for guideways.
-"""
+"""Standard deviations of an angular function, as shares of its range: of its straight part at
+the far end, and of its first half wave. The standard deviation of half wave k is 1/k of the
+first."""
 MOST_WAVES = 16
 LONG_WAVES = 3
-"""Number of half waves of an angular function with the same size as its straight part; the size of
-shorter waves is separate, because the smoothness of guideways is unknown.
-"""
+"""Number of half waves whose standard deviation is estimated together with the straight part.
+Shorter waves have a separate standard deviation, because the smoothness of guideways is unknown."""
 ANGLES, SHORT_ANGLES = "angles", "short waves of angles"
 TURNING = (ANGLES, SHORT_ANGLES)
-"""Names of the effects that together model the angular functions."""
+"""Names of the effects that together are the angular functions."""
 GROWTH, SETUP_SCALE, FIRST_STOPS = "growth", "setup scale", "first stops"
 ONE_SCALE, ONE_WALK, BESIDE = "scale of one setup", "walk of one pass", "beside the model"
 BACKLASH = 0.6
-"""Assumed backlash at first stops, as a multiple of the repeatability, before its size is
-estimated: with overrun these stops have no backlash, without overrun all of the axis' backlash.
-"""
+"""Initial backlash at first stops, as a multiple of the repeatability. With overrun these stops
+have no backlash; without overrun they have the whole backlash of the axis."""
 WANDER_WAVES = 3
 BEARING = 0.5
-"""Distance of the bearing that holds a screw from the low corner of the volume, as a share of the
-travel (standard deviation)."""
+"""Standard deviation of the distance between the fixed bearing of the ball screw and the low
+corner of the volume, as a share of the travel."""
 LEAST_SCATTER_UM = 0.02
-"""Scatter of reported positions that is neglected: positions in steps of 0.1 um scatter by 0.03 um,
-less than any laser's noise.
-"""
+"""Scatter of reported positions below which it is neglected. Positions in steps of 0.1 um
+scatter by 0.03 um, which is less than the noise of a laser."""
 TIME_CONSTANTS_H = (0.3, 1.0, 3.0)
-"""Time constants of thermal growth: a ball screw settles in minutes, a column in hours (the test of
-ISO 230-3 takes four hours).
-"""
+"""Time constants of thermal growth: a ball screw reaches its final length in minutes, a column
+in hours (ISO 230-3 measures for four hours)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Effect:
-    """One kind of cause: ``pattern_um`` (m, k) is its effect on the readings, ``sought`` whether
-    the readings determine its size, ``text`` the assumption in words.
-    """
+    """One kind of random effect: ``pattern_um`` (m, k) is the effect of one standard deviation
+    of each cause on the readings, ``sought`` is True if its size is estimated, ``text`` is the
+    assumption for the report."""
 
     name: str
     text: Words
@@ -69,17 +61,16 @@ class Effect:
 
     @property
     def count(self) -> int:
-        """Return the number of independent causes."""
         return int(self.pattern_um.shape[1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AngleShapes:
-    """The shapes that describe unknown angular functions: ``names`` of the functions in the order
-    of their causes, and the number of half ``waves`` of each function.
+    """The shapes of unknown angular functions: ``names`` of the functions, and the number of half
+    ``waves`` of each function.
 
-    The straight parts and long waves of all functions come first, then the short waves of all
-    functions, whose size is estimated separately.
+    The columns of all straight parts and long waves are placed before the columns of all short
+    waves, because the two have separate standard deviations.
     """
 
     names: tuple[str, ...]
@@ -87,26 +78,21 @@ class AngleShapes:
     waves: int
 
     def at(self, layout_share: Vector) -> Vector:
-        """Return the values of the shapes at fractions of the travel (0 .. 1), for a function with
-        a range of one, shape (m, 1 + waves).
-        """
+        """Return the shapes at fractions 0 .. 1 of the travel for a range of 1, shape (m, 1 +
+        waves)."""
         number = np.arange(1, self.waves + 1)
         waves = WAVE_SHARE * np.sin(np.pi * number * layout_share[:, None]) / number
         return np.column_stack([LINE_SHARE * layout_share, waves])
 
     def range_of(self, name: str) -> float:
-        """Return the range assumed for an angular function."""
         return self.range_urad[self.names.index(name)]
 
     @property
     def long(self) -> int:
-        """Return the number of straight parts and long waves of all functions."""
         return len(self.names) * (1 + min(self.waves, LONG_WAVES))
 
     def causes_of(self, name: str) -> NDArray[np.int64]:
-        """Return the indices of an angular function's causes among all causes, in the order of the
-        shapes.
-        """
+        """Return the columns of an angular function."""
         place, long = self.names.index(name), 1 + min(self.waves, LONG_WAVES)
         short = self.waves + 1 - long
         return np.concatenate(
@@ -117,7 +103,8 @@ class AngleShapes:
 def angle_shapes(
     layout: Layout, known: Mapping[str, object], assumed: Assumptions
 ) -> AngleShapes:
-    """Return the shapes of those angular functions that are not ``known`` but assumed to exist."""
+    """Return the shapes of the angular functions that are not ``known`` and have an assumed
+    range."""
     names = tuple(
         name for name in ROTATIONS if name not in known and assumed.angle_range_urad(name) > 0
     )
@@ -132,11 +119,11 @@ def angle_shapes(
 def effects_of(
     layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumptions
 ) -> tuple[Effect, ...]:
-    """Return every effect on the readings of a layout; effects that cannot move any reading are
-    left out.
+    """Return every random effect on the readings of a layout, without effects that are zero for all
+    readings.
 
-    Angular functions stay even if no reading depends on them (linear runs along the edges of the
-    volume), because the machine has angular errors nevertheless.
+    Angular functions are always included, because the machine has angular errors even if no reading
+    depends on them.
     """
     found = (
         *_angles(layout, chain, shapes),
@@ -157,11 +144,11 @@ def effects_of(
 
 
 def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Effect]:
-    """Return the effects of the unknown angular functions by the spot formula (theory 4.3): one
-    effect for straight parts and long waves, one for short waves.
+    """Return the effects of the unknown angular functions (theory 4.3): one for straight parts and
+    long waves, one for short waves.
 
-    If long and short waves had a common size, the absence of short waves, which the readings show
-    best, would also make the long waves small.
+    With a single standard deviation, the absence of short waves, which the readings show best,
+    would also reduce the long waves.
     """
     arms = rotation_coefficients(layout, chain)
     pattern = np.zeros((len(layout), len(shapes.names) * (shapes.waves + 1)))
@@ -186,9 +173,8 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Ef
 
 
 def _elapsed(layout: Layout) -> Vector:
-    """Return the progress of each unbroken count at its readings, shape (m,): 0 at the start of the
-    count, and 1 more at the end of each pass.
-    """
+    """Return the progress of each unbroken count, shape (m,): 0 at its start, and 1 more at the
+    end of each pass."""
     elapsed = np.zeros(len(layout))
     for number in np.unique(layout.offset_index):
         mine = np.flatnonzero(layout.offset_index == number)
@@ -198,23 +184,20 @@ def _elapsed(layout: Layout) -> Vector:
 
 
 def _by(index: NDArray[np.int64], values: Vector) -> Vector:
-    """Return the values in columns, shape (m, numbers): each row has its value in the column of its
-    number in ``index``, and zeros elsewhere.
-    """
+    """Return a column for each number in ``index``, shape (m, numbers): the values of the rows
+    with this number, and zeros elsewhere."""
     apart: Vector = values[:, None] * (index[:, None] == np.unique(index))
     return apart
 
 
 def _first_of(index: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return for every reading the row of the first reading with the same index, shape (m,)."""
     _, first, member = np.unique(index, return_index=True, return_inverse=True)
     return np.asarray(first[member])
 
 
 def _drift(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the effect of a linear drift in each unbroken count; the drift of a pass with its
-    return is an unknown of the design besides.
-    """
+    """Return the effect of a linear drift in each unbroken count. In addition, the drift of an
+    outward pass with its return pass is an unknown of the design."""
     pattern = assumed.drift_um * _by(layout.offset_index, _elapsed(layout))
     return Effect(
         name="drift",
@@ -225,9 +208,8 @@ def _drift(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def _wander(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the effect of a random walk of the reading within each unbroken count, by the largest
-    components of the walk (Karhunen and Loeve's expansion of Brownian motion).
-    """
+    """Return the effect of a random walk of the laser in each unbroken count, as the largest
+    terms of its Karhunen-Loeve expansion."""
     elapsed = _elapsed(layout)
     longest = np.zeros(int(layout.offset_index.max()) + 1)
     np.maximum.at(longest, layout.offset_index, elapsed)
@@ -245,15 +227,14 @@ def _wander(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def travel_mm(layout: Layout) -> Vector:
-    """Return the commanded travel since the low corner of the volume along each reading's
+    """Return the commanded travel from the low corner of the volume, along each reading's
     direction, shape (m, 3)."""
     return (layout.position_mm - layout.volume.origin_mm) * layout.direction
 
 
 def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the effect of a scale error of each setup, from unmeasured changes of temperature and
-    air, and from the cosine of the beam's misalignment.
-    """
+    """Return the effect of a scale error of each setup: unmeasured changes of temperature and
+    air, and the cosine error of the beam."""
     coefficient = float(np.mean(assumed.expansion_um_m_c))
     cosine_um_m = 0.5 * assumed.alignment_mrad**2 / np.sqrt(3.0)
     size_um_m = float(
@@ -278,13 +259,12 @@ def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def _growth(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the effect of the growth of each axis during the survey, as its drive warms:
-    exponentials in time, relative to the mean of all readings.
+    """Return the effect of the thermal growth of each axis during the survey, as exponentials in
+    time.
 
-    Each axis has three columns for its length and three for the distance of the screw's bearing
-    from the low corner, one for each time constant.
-
-    Without the times of all readings, growth cannot be separated from the scales of setups.
+    For each time constant an axis has one column for its length and one for the position of the
+    fixed bearing of its ball screw. Without the times of all readings, growth cannot be separated
+    from the scales of the setups, and the effect has no columns.
     """
     waves = growth_waves(layout)
     beside_m = BEARING * 1e-3 * np.array(layout.volume.size_mm) * layout.direction
@@ -297,9 +277,8 @@ def _growth(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def growth_waves(layout: Layout) -> Vector:
-    """Return exponentials in time, minus their mean over all readings, shape (m, time constants);
-    no columns unless every reading has a time.
-    """
+    """Return exponentials in time minus their means, shape (m, time constants). The result has
+    no columns if a reading has no time."""
     hours = layout.hours
     if not len(layout) or not np.all(np.isfinite(hours)) or np.ptp(hours) == 0.0:
         return np.zeros((len(layout), 0))
@@ -311,14 +290,13 @@ def growth_waves(layout: Layout) -> Vector:
 
 
 def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the effect of each axis' backlash at the stops of a pass before the axis' first move:
-    the axis came to these stops from within the volume.
+    """Return the effect of each axis' backlash at the first stops of a pass, before the first move
+    of the axis.
 
-    Without overrun these stops differ from the stops after later moves by the backlash, equally in
-    every pass. Any further deviation of these stops belongs to the scatter.
+    Without overrun these stops differ from all later stops by the backlash, equally in every pass.
     """
     begins = _first_of(layout.pass_index)
-    # after a reversal of the machine, the move to the stop belongs to the previous pass
+    # after a reversal without overrun, the last move belongs to the previous pass
     came = (begins == 0)[:, None] | (
         layout.arrival[begins] != layout.arrival[np.maximum(begins - 1, 0)]
     )
@@ -330,14 +308,13 @@ def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def _registers(layout: Layout) -> Effect:
-    """Return the effect of reported positions that scatter in the control's registers while the
-    machine stands still.
+    """Return the effect of reported positions that scatter although the machine stands still.
 
-    The deviations are relative to the reported positions, but the laser does not follow a scatter
-    of the registers alone. There are two such patterns: the scatter while an axis stands, and the
-    differences between the ends of its moves. The amount of each ranges from 0 (the axis really
-    stood there) to 1 (registers alone). A rounding that a program repeats at each target, or
-    accumulates along its way, is not scatter.
+    The deviation of a reading is relative to the reported position, so such scatter adds an error.
+    There are two patterns: scatter while an axis stands, and scatter between the ends of its moves.
+    The amount of each pattern is 0 if the axis really was at the reported position and 1 if only
+    the reported value scatters. Rounding that is equal at each repetition of a target, or that
+    accumulates over increments, is not scatter.
     """
     within, between = np.zeros_like(layout.beside_mm), np.zeros_like(layout.beside_mm)
     for axis in range(3):
@@ -360,12 +337,12 @@ def _registers(layout: Layout) -> Effect:
 
 
 def _beside_program_mm(layout: Layout, axis: int) -> Vector:
-    """Return the deviations of reported positions in mm after subtracting the mean at each target
-    and the rounding that a program's increments accumulate, shape (m,).
+    """Return the reported positions minus the targets in mm, shape (m,), without the mean at each
+    target and without accumulated rounding of increments.
 
-    Increments of the same size are rounded alike: the accumulated rounding grows with the distance
-    from the first stop of the pass, or of the setup if each pass begins at the end of the previous
-    pass. Passes with the same number of targets have increments of the same size.
+    Equal increments are rounded equally. The accumulated rounding is therefore proportional to the
+    distance from the first stop of the pass, or of the setup if each pass begins where the previous
+    pass ended.
     """
     beside, targets, passes = (
         layout.beside_mm[:, axis],
@@ -385,20 +362,19 @@ def _beside_program_mm(layout: Layout, axis: int) -> Vector:
 
 
 def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the effect of the common error of the air's index and the wavelength, which no closure
-    shows.
-    """
+    """Return the effect of the common error of the refractive index of air and the wavelength,
+    which no closure shows."""
     along_m = 1e-3 * np.sum(travel_mm(layout), axis=1)
     text = message("assumed-air", index_ppm=assumed.index * 1e6)
     return Effect(name="air", text=text, pattern_um=1e6 * assumed.index * along_m[:, None])
 
 
 def _material(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return, for each axis, the effects of its material temperature and of its expansion
-    coefficient (theory 8.7).
+    """Return the effects of the material temperature and the expansion coefficient of each axis
+    (theory 8.7).
 
-    Temperature and coefficient affect the lengths if the readings were reduced to 20 C; the
-    coefficient also if the readings were reduced to the mean temperature of the survey.
+    Both affect the lengths if the readings were reduced to 20 C. The coefficient also affects
+    readings that were reduced to the mean temperature of the survey.
     """
     along_m = 1e-3 * travel_mm(layout) * float(assumed.reduced_to_20_c)
     excess = np.array(assumed.material_c) - REFERENCE_TEMPERATURE_C

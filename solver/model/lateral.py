@@ -1,11 +1,11 @@
-"""Straightness measured directly by the 4-DOF head, as further rows of the adjustment.
+"""Straightness measured by the 4-DOF head, as rows of the adjustment.
 
     value = D_c(a) + (alpha_a(a) x r_a)_c + approach / 2 * R_c(a) + offset + slope * (a - low)
 
 for component c of axis a on the line through the low corner of the volume (theory 2.2, 4.3). Offset
-and slope belong to the head's alignment: every pass has its own in each lateral direction, and they
-do not affect the squareness. The diagonals and the head enter with their own weights: a
-disagreement appears in the residuals and increases the uncertainties.
+and slope are the alignment of the head: they are unknowns of every pass and lateral direction and
+do not affect the squareness. Diagonals and head have their own weights; a disagreement increases
+the residuals and the uncertainties.
 """
 
 from collections.abc import Sequence
@@ -30,11 +30,11 @@ from stepdiag.solver.model.noise import LEAST_U_UM
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasuredStraightness:
-    """A pass of the head in a lateral direction: ``name`` is EYX .. EYZ, positions in mm, values
+    """A pass of the head in one lateral direction: ``name`` is EYX .. EYZ, positions in mm, values
     and standard uncertainties in um.
 
-    ``approach`` is +1 for travel of the axis in +, -1 in -. The values may contain any straight
-    line. The adjustment uses the values moved to the targets (`at_targets`).
+    ``approach`` is +1 for travel in + and -1 for travel in -. The values may include any straight
+    line.
     """
 
     name: str
@@ -46,9 +46,8 @@ class MeasuredStraightness:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Observed:
-    """Rows of the adjustment, with the measured value of each row and its standard uncertainty,
-    both in um.
-    """
+    """Rows of the adjustment, with the measured value of each row and its standard uncertainty
+    in um."""
 
     rows: Rows
     target: Vector
@@ -58,11 +57,11 @@ class Observed:
 def at_targets(
     measured: Sequence[MeasuredStraightness], layout: Layout
 ) -> list[MeasuredStraightness]:
-    """Return the head's passes moved to the targets of their stops: to the targets of the laser's
-    readings if those are near.
+    """Return the head's passes with each position replaced by its target; targets of the laser are
+    used if these are near.
 
-    A value follows its stop along the straight line through the pass, because the line of the
-    head's alignment is steeper than any straightness function.
+    The value is corrected by the slope of the pass, because the slope by the head's alignment is
+    larger than any straightness error.
     """
     found = list(measured)
     for axis, letter in enumerate(AXIS_LETTERS):
@@ -92,11 +91,9 @@ def _slope(position_mm: Vector, value_um: Vector) -> float:
 def lateral_rows(
     design: Design, measured: Sequence[MeasuredStraightness], angles: Angles
 ) -> Observed:
-    """Return the rows of the head's passes; ``design`` was built with ``Model.lines =
-    len(measured)``.
+    """Return the rows of the head's passes; ``design`` requires ``Model.lines = len(measured)``.
 
-    Raises ``DataError`` for a position outside the volume, because the survey has no unknowns
-    there.
+    Raises ``DataError`` for a position outside the volume.
     """
     pieces = [_rows_of(design, number, one) for number, one in enumerate(measured)]
     empty = (np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1)))
@@ -114,7 +111,7 @@ def lateral_angles(
     design: Design, measured: Sequence[MeasuredStraightness], shapes: AngleShapes
 ) -> Vector:
     """Return the effect of the unknown angular functions on the head's values, shape (rows,
-    causes)."""
+    random effects)."""
     pieces = [np.zeros((0, len(shapes.names) * (shapes.waves + 1)))]
     for one in measured:
         axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
@@ -132,9 +129,8 @@ def lateral_angles(
 def _rows_of(
     design: Design, number: int, one: MeasuredStraightness
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Return columns and values of the rows of a pass, shape (k, 12): two nodes of the
-    displacement, of each of three rotations and of the reversal, then offset and slope.
-    """
+    """Return columns and values of the rows of a pass, shape (k, 12): two nodes each of the
+    displacement, three rotations and the reversal, then offset and slope."""
     columns = design.columns
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
     lower, fraction = nodes_of(design.volume, axis, one)
@@ -160,7 +156,6 @@ def _rows_of(
 
 
 def _share_of_travel(design: Design, axis: int, one: MeasuredStraightness) -> Vector:
-    """Return each position of a pass as a fraction of the axis' travel, shape (k,)."""
     away_mm = one.position_mm - design.volume.origin_mm[axis]
     share: Vector = away_mm / design.volume.length_mm[axis]
     return share
@@ -169,9 +164,8 @@ def _share_of_travel(design: Design, axis: int, one: MeasuredStraightness) -> Ve
 def nodes_of(
     volume: Volume, axis: int, one: MeasuredStraightness
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Return, for each position of a pass along an axis, the node below and the fraction of the
-    increment from this node to the next, shapes (k,).
-    """
+    """Return, for each position of a pass, the node below and the fraction of the increment from
+    this node, shapes (k,)."""
     low, size = volume.origin_mm[axis], volume.size_mm[axis]
     outside = (one.position_mm < low - POSITION_TOLERANCE_MM) | (
         one.position_mm > low + size + POSITION_TOLERANCE_MM
@@ -193,9 +187,8 @@ def nodes_of(
 
 
 def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vector:
-    """Return the Abbe arms: um of displacement in ``component`` per urad of rotation about each
-    axis, shape (k, 3). The arm in the moving direction of the carriage is zero.
-    """
+    """Return the Abbe arms, shape (k, 3): um of displacement in ``component`` for 1 urad of
+    rotation about each axis. The arm in the travel direction of the carriage is zero."""
     arm = np.zeros((len(position_mm), 3))
     away_mm = position_mm - design.volume.origin_mm[axis]
     arm[:, axis] = abbe_mask(design.chain)[axis, axis] * away_mm
@@ -204,9 +197,7 @@ def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vec
 
 
 def of_known_angles(design: Design, one: MeasuredStraightness, angles: Angles) -> Vector:
-    """Return the effect of the axis' known rotations on the measured values, shape (k,), minus the
-    straight line through this effect: the values may contain any line.
-    """
+    """Return the effect of the axis' known rotations on the measured values in um, shape (k,)."""
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
     arms = _arms(design, axis, component, one.position_mm)
     total = np.zeros(len(arms))

@@ -1,6 +1,5 @@
-"""The geometry of readings: the volume, the travel of every pass, the beam, and the deviation of
-each reading from its nominal value.
-"""
+"""The geometry of a survey: the volume, the travel of every pass, the beam, and the deviation of
+each reading from its nominal value."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,29 +24,27 @@ from stepdiag.base.volume import (
 
 MOST_SETUPS = 200
 BESIDE_NODE = 0.3
-"""Largest distance from a node to the nearest target of a run, as a share of an increment, at which
-the node's value depends mainly on this target and not on farther targets.
-"""
+"""Largest distance between a node and the nearest target of a run, as a share of an increment.
+With a larger distance, the value at the node would depend mainly on other targets."""
 MOVES: Mapping[Kind, int] = {"step": 3, "face": 2, "body": 1, "linear": 1}
-"""Number of stops in one step of each kind of setup."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Layout:
-    """The readings of a survey with their geometry, a row per reading (shape (m,) or (m, 3)),
-    sorted by pass and stop.
+    """The readings of a survey with their geometry, one row for each reading (shape (m,) or (m,
+    3)), sorted by pass and stop.
 
-    ``position_mm`` is the target of a stop (`solver.readings.snapping`), ``beside_mm`` the distance
-    of the reported position from it; the deviation is relative to the reported position.
-    ``arrival`` is the number of the move that brought each axis to its position, -1 for an axis
-    that stands during the pass. ``direction`` is the unit vector of the setup's outward travel,
-    ``beam_mm`` a point of its beam line, ``spot_mm`` the point under the mirror (theory 4.3),
-    ``approach`` the sign of every axis' arrival at the stop, ``deviation_um`` the reading minus its
-    nominal value. Readings with the same ``zero_index`` share the zero of the laser's count. Among
-    these, an outward pass and its return have the same ``offset_index``: an unexplained difference
-    of the two passes is reversal or drift. ``clock`` is the drift coordinate within an out-and-back
-    pair: hours where ``timed`` (every stop has a time stamp), else stops. ``hours`` are the time
-    stamps, ``temperature_c`` the material's temperature at each stop, both NaN if missing.
+    ``position_mm`` is the target of a stop (`solver.readings.snapping`). ``beside_mm`` is the
+    reported position minus the target. ``arrival`` is the number of each axis' last move before the
+    stop, -1 for an axis that does not move during the pass. ``direction`` is the unit vector of the
+    setup's outward travel. ``beam_mm`` is a point of the beam. ``spot_mm`` is the point of the beam
+    nearest to the target (theory 4.3). ``approach`` is the sign of every axis' last move.
+
+    ``deviation_um`` is the reading minus its nominal value at the reported position. Readings with
+    the same ``zero_index`` share the zero of the laser's count. Of these, an outward pass and its
+    return pass have the same ``offset_index``. ``clock`` is the time since the start of an
+    out-and-back pair: in hours if ``timed``, else in stops. ``hours`` are time stamps;
+    ``temperature_c`` is the temperature of the material. Both are NaN if missing.
     """
 
     source: str
@@ -79,7 +76,7 @@ class Layout:
         return len(self.stop)
 
     def place(self, row: int) -> Message:
-        """Return the name of a reading as a message: setup, pass and stop."""
+        """Return setup, pass and stop of a reading as a message."""
         key = self.passes[int(self.pass_index[row])]
         return message(
             "stop-of-setup", setup=key.setup, number=key.number, stop=int(self.stop[row])
@@ -87,26 +84,22 @@ class Layout:
 
     @property
     def target_index(self) -> NDArray[np.int64]:
-        """Return the number of each reading's target, shape (m,): a target has the same number in
-        every pass.
-        """
+        """Return the number of each reading's target, shape (m,); a target has the same number
+        in every pass."""
         found: NDArray[np.int64] = np.unique(self.position_mm, axis=0, return_inverse=True)[1]
         return found.ravel()
 
     @property
     def joined(self) -> bool:
-        """Return whether any outward pass and its return share the zero of the count: such a pair
-        shows constant backlash.
-        """
+        """Return whether any outward pass and its return pass share the zero of the count, so
+        that constant backlash is observable."""
         outward = np.array([key.outward for key in self.passes])[self.pass_index]
         return bool(
             np.intersect1d(self.offset_index[outward], self.offset_index[~outward]).size
         )
 
     def since_zero_mm(self) -> Vector:
-        """Return the distance in mm that the laser has counted since the zero of the count at each
-        reading, shape (m,).
-        """
+        """Return the counted distance in mm since the zero of the count, shape (m,)."""
         first = np.unique(self.zero_index, return_index=True)[1]
         counted: Vector = (
             self.reading_mm
@@ -115,16 +108,16 @@ class Layout:
         return counted
 
     def select(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "Layout":
-        """Return the layout of some readings; setups and passes keep their numbers."""
+        """Return the layout of some readings; the numbers of setups and passes do not change."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
     def leaning(self, tilt_mrad: Vector) -> "Layout":
         """Return the layout at the reported positions, with the mirror and the beam of each setup
         tilted by ``tilt_mrad`` (setups, 3).
 
-        Readings contain machine errors along the mirror's normal; the spot moves along the beam,
-        which autocollimation makes parallel to the normal. The tilt's effect on the nominal travel
-        stays in the deviation, where the tilt unknowns explain it.
+        A laser measures machine errors along the normal of the mirror, and autocollimation makes
+        the beam parallel to this normal. ``deviation_um`` does not change: the tilt unknowns
+        explain the effect of the tilt on the nominal travel.
         """
         leaning = self.direction + 1e-3 * tilt_mrad[self.setup_index]
         leaning /= np.linalg.norm(leaning, axis=1, keepdims=True)
@@ -165,11 +158,11 @@ def lay_out(
 ) -> Layout:
     """Return the geometry of readings.
 
-    Without ``volume``, box and increments follow from the first of these kinds that was driven:
-    body step diagonals, face diagonals, continuous diagonals, linear runs. An axis that no setup
-    travels has no length. Stops outside the volume are left out with a finding. Raises
-    ``DataError``, with the name of the stop, if the positions do not form a box, a pass differs
-    from its setup, or the laser contradicts the travel.
+    Without ``volume``, size and increments are computed from the first available kind of setup:
+    step diagonals, face diagonals, continuous diagonals, linear runs. An axis that no setup travels
+    has no length. Stops outside the volume are omitted with a finding. Raises ``DataError``, with
+    the name of the stop, if the positions do not form a box, a pass does not fit its setup, or the
+    laser contradicts the travel.
     """
     passes = readings.passes()
     if not passes:
@@ -199,9 +192,7 @@ def lay_out(
 def infer_volume(
     readings: Readings, setups: Iterable[Setup], source: str = "readings"
 ) -> Volume:
-    """Return the common box of the setups. Raises ``DataError`` if the setups form no box or
-    different boxes.
-    """
+    """Return the common box of the setups. Raises ``DataError`` if there is no common box."""
     by_kind: dict[Kind, list[Setup]] = {}
     for setup in setups:
         by_kind.setdefault(setup.kind, []).append(setup)
@@ -230,11 +221,10 @@ def infer_volume(
 def _edges_mm(
     readings: Readings, kinds: Sequence[Sequence[Setup]], axis: int
 ) -> tuple[float, float]:
-    """Return the low and the high edge of the box along an axis, from all setups of one kind: the
-    first of the ``kinds`` that travels this axis.
+    """Return the low and the high edge of the box along an axis, from the first of the ``kinds`` of
+    setups that travels this axis.
 
-    If no setup travels the axis, the edges are the lowest and the highest position at which the
-    axis stood; with a single position the axis has no length.
+    If no setup travels the axis, the edges are its lowest and highest position.
     """
     travelling = ([setup for setup in setups if setup.signs[axis]] for setups in kinds)
     signs = {setup.name: setup for setup in next(filter(None, travelling), [])}
@@ -243,7 +233,7 @@ def _edges_mm(
         if key.setup not in signs:
             continue
         setup = signs[key.setup]
-        # the targets of a linear run may lie anywhere: only its ends lie on the edges
+        # the targets of a linear run can be anywhere between its two ends
         used = rows[[0, -1]] if setup.kind == "linear" else rows
         position.append(readings.position_mm[used, axis])
         steps.append(
@@ -262,9 +252,8 @@ def _edges_mm(
 def _even_steps(
     readings: Readings, runs: Sequence[Setup], low: Vector, high: Vector, most: int
 ) -> int:
-    """Return the largest number of equal steps for which every node is near a target of each run;
-    the value at a node without a near target depends on distant targets.
-    """
+    """Return the largest number of equal increments for which every node is near a target of
+    each run."""
     shares = []
     for setup in runs:
         axis = int(np.argmax(np.abs(setup.signs)))
@@ -295,7 +284,7 @@ def _check_box(
         np.maximum(np.abs(points.min(axis=0) - low), np.abs(points.max(axis=0) - high))
         * moves
     )
-    # the stop and the edge both have a tolerance
+    # both the stop and the edge have a tolerance
     if np.any(off > 2.0 * position_tolerance_mm((high - low) / increments)):
         axis = int(np.argmax(off))
         raise DataError(
@@ -309,7 +298,6 @@ def _check_box(
 
 
 def _increments(readings: Readings, names: Sequence[str], kind: Kind, source: str) -> int:
-    """Return the number of increments of the finest pass."""
     longest = max(
         int(readings.stop[rows[-1]])
         for key, rows in readings.passes().items()
@@ -392,9 +380,8 @@ def targets_tolerance_mm(
     setups: Sequence[Setup],
     volume: Volume,
 ) -> Vector:
-    """Return the largest allowed distance of a stop from its target in each axis, shape (3,); it is
-    smaller for an axis with a linear run of closer targets.
-    """
+    """Return the largest allowed distance between a stop and its target in each axis, shape
+    (3,). The distance is smaller for a linear run with targets closer than an increment."""
     step, runs = (
         volume.step_mm.copy(),
         {setup.name: setup for setup in setups if setup.kind == "linear"},
@@ -411,9 +398,8 @@ def targets_tolerance_mm(
 def _zeros(
     zero: NDArray[np.int64], keys: Sequence[PassKey], pass_index: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return for every row the number of its unbroken count, the number of its offset, and the row
-    to which its reading is relative.
-    """
+    """Return for every row the number of its unbroken count, the number of its offset, and the
+    row of the zero of its count."""
     stretches: dict[tuple[str, int, int], int] = {}
     offsets: dict[tuple[int, int], int] = {}
     begins = np.flatnonzero(
@@ -425,7 +411,7 @@ def _zeros(
             zero[begins].tolist(), pass_index[begins].tolist(), strict=True
         )
     ]
-    # a pass without a number of the count is an unbroken count by itself
+    # a pass without a number of the count is an unbroken count
     stretch = [
         stretches.setdefault(
             (key.setup, number, 0 if number >= 0 else key.number), len(stretches)
@@ -449,11 +435,10 @@ def _approach(
     position_mm: Vector,
     turned: NDArray[np.bool_],
 ) -> Vector:
-    """Return the sign of every axis' arrival at each stop, shape (m, 3): the sign of the axis'
-    travel in the pass.
+    """Return the sign of every axis' last move before each stop, shape (m, 3).
 
-    If the machine reversed at the first stop, every axis reached it in the direction of the
-    previous pass, and keeps this sign until its next move.
+    In general this is the sign of the axis' travel in the pass. If the machine reversed at the
+    first stop, each axis has the sign of the previous pass until its next move.
     """
     approach = travelled.copy()
     for first in np.flatnonzero(turned).tolist():
@@ -467,7 +452,7 @@ def _approach(
 
 
 def _foot(beam_mm: Vector, direction: Vector, position_mm: Vector) -> Vector:
-    """Return the point of the beam line nearest to each position, shape (m, 3)."""
+    """Return the point of the beam nearest to each position, shape (m, 3)."""
     along: Vector = np.sum((position_mm - beam_mm) * direction, axis=1, keepdims=True)
     return beam_mm + direction * along
 
@@ -481,9 +466,6 @@ def _direction(setup: Setup, volume: Volume) -> Vector:
 def _drift_clock(
     time_s: Vector, keys: Sequence[PassKey], pass_index: NDArray[np.int64]
 ) -> tuple[Vector, NDArray[np.bool_]]:
-    """Return the drift coordinate of every reading, and whether this coordinate is in hours (else
-    in stops).
-    """
     clock = np.zeros(len(time_s))
     timed = np.zeros(len(time_s), dtype=np.bool_)
     pair_of = [(key.setup, (key.number + 1) // 2) for key in keys]
@@ -501,7 +483,6 @@ def _drift_clock(
 def _missing(
     readings: Readings, passes: dict[PassKey, NDArray[np.int64]]
 ) -> tuple[Finding, ...]:
-    """Return the finding that names the missing stops of passes."""
     lacking = {key: missing_stops(readings.stop[rows]) for key, rows in passes.items()}
     named = [
         message("stops-of-setup", setup=key.setup, number=key.number, stops=stops.tolist())

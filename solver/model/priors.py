@@ -1,6 +1,5 @@
-"""Knowledge besides the readings, as further rows of the adjustment: known angular functions with
-their uncertainty, and conventions.
-"""
+"""Prior knowledge as rows of the adjustment: known angular functions with their uncertainty, and
+conventions."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -17,26 +16,22 @@ from stepdiag.solver.model.design import Columns, Design, rotation_coefficients
 from stepdiag.solver.model.layout import Layout
 
 EXACT = 1e-3
-"""Standard uncertainty (urad, um) of values that a convention fixes: far below any measurable
-value, far above rounding.
-"""
+"""Standard uncertainty (urad, um) of values fixed by a convention: smaller than any measurable
+value, larger than rounding."""
 DRIFT_UM = 1.0
-"""Standard uncertainty, before the readings are used, of the drift during an outward pass and its
-return.
-"""
+"""Prior standard uncertainty of the drift during an outward pass and its return pass."""
 REVERSAL_CHANGE_UM = 2.0
-"""Standard uncertainty, before the readings are used, of the change of a reversal from end to end
-of its axis. Between an outward pass and its return, drift and a reversal that grows along the axis
-have the same effect: if one of the two were assumed smaller, the other would absorb its effect.
-"""
+"""Prior standard uncertainty of the change of a reversal along its axis. In an outward pass and
+its return pass, drift and a growing reversal have the same effect; if one had a much smaller
+uncertainty, the other would contain the whole effect."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
-    """Rows of the adjustment with the target zero, and the standard uncertainty of each row.
+    """Rows of the adjustment with the target zero and a standard uncertainty.
 
-    ``found`` contains groups of rows; the readings may increase the uncertainty of each group.
-    ``misses`` are the rows of the moves' misses.
+    The readings may increase the uncertainty of each group of rows in ``found``. ``misses`` are the
+    rows of the positioning deviations of the moves.
     """
 
     rows: Rows
@@ -46,9 +41,9 @@ class Prior:
 
 
 def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
-    """Return the effect of known angular functions on every reading, shape (m,) (theory 4.3).
+    """Return the effect of known angular functions on every reading in um, shape (m,) (theory 4.3).
 
-    Raises ``DataError`` if a function does not cover the whole travel of its axis.
+    Raises ``DataError`` if a function does not cover the travel of its axis.
     """
     arms = rotation_coefficients(layout, chain)
     total = np.zeros(len(layout))
@@ -66,21 +61,19 @@ def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
 
 
 def has_stated_u(angles: Angles) -> bool:
-    """Return whether any angular function has an uncertainty: such a function is an observation,
-    not a constant.
-    """
+    """Return whether any angular function has an uncertainty; such a function is an observation,
+    not a constant."""
     return any(bool(np.any(np.isfinite(known.u_urad))) for known in angles.values())
 
 
 def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> Prior:
-    """Return the rows for the differences of angular functions from the given functions, for the
-    change of reversal along an axis, and for the misses of moves (with 1 um;
-    `solver.adjustment.scatter` estimates the size of the misses).
+    """Return the prior rows for the known angular functions, the changes of the reversals along
+    their axes, the drifts, and the positioning deviations of the moves (with 1 um;
+    `solver.adjustment.scatter` estimates their size).
 
-    The adjusted function may differ from a given function by the stated uncertainty, and not at all
-    if none is stated. Functions that are not given are effects (`solver.model.effects`) and no
-    unknowns; ``free_angles`` leaves these unknowns free, to test whether the readings determine
-    them.
+    An adjusted angular function may differ from the known function by its stated uncertainty.
+    Without a stated uncertainty it is constant. ``free_angles`` omits the rows of angular
+    functions, so that the caller can test whether the readings determine them.
     """
     columns = design.columns
     pieces: list[tuple[NDArray[np.int64], Vector, float | Vector]] = []
@@ -123,15 +116,14 @@ def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> 
 
 
 def _widened(matrix: NDArray[Any], width: int) -> NDArray[Any]:
-    """Return a matrix with columns of zeros at its right end, ``width`` columns in all."""
     return np.pad(matrix, ((0, 0), (0, width - matrix.shape[1])))
 
 
 def origin_pattern(design: Design, angles: Angles, count: int) -> Vector:
-    """Return the effect of the error of each given function's first position on the ``count`` rows
-    of `make_prior`, shape (count, k).
+    """Return the effect of the error of each known angular function's first value on the ``count``
+    rows of `make_prior`, shape (count, k).
 
-    A head's angles are relative to the first position, so all other values contain the error of the
+    A head measures angles relative to its first position, so all values contain the error of the
     first value.
     """
     names = []
@@ -162,10 +154,10 @@ def _difference_u(name: str, angles: Angles, design: Design) -> float | Vector:
 def _reversal_changes(
     columns: Columns, axis: int, component: int
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Return the rows that set the change of a reversal function from node to node to zero.
+    """Return the rows that set the change of a reversal from node to node to zero.
 
-    Backlash hardly depends on the position of the axis. A reversal that grows along all axes at
-    once looks like drift between the outward and the return pass, and drift is more likely.
+    Backlash hardly depends on position. A reversal that grows along all axes has the same effect as
+    drift, and drift is more likely.
     """
     at = columns.of(2, axis, component)
     before = np.concatenate([at[:1], at[:-1]])

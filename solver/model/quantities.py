@@ -1,9 +1,9 @@
-"""The requested results of a survey, as linear combinations of the design's unknowns.
+"""The results of a survey as linear combinations of the unknowns.
 
-A function consists of its values at nodes 1 .. n without the end-point line (node n is then zero
-and left out); squareness and scale contain the slopes. A rigid rotation adds antisymmetric slopes,
-so these sums do not depend on the rotation (contract 1): ``C0Y = -(EXY' + EYX')``, ``B0Z = EXZ' +
-EZX'``, ``A0Z = -(EYZ' + EZY')``.
+A function is reported at nodes 1 .. n without its end-point line; node n is zero and omitted.
+Squareness and scale contain the slopes. They do not depend on a rigid rotation, which adds
+antisymmetric slopes (contract 1): ``C0Y = -(EXY' + EYX')``, ``B0Z = EXZ' + EZX'``, ``A0Z = -(EYZ' +
+EZY')``.
 """
 
 from dataclasses import dataclass
@@ -19,16 +19,16 @@ from stepdiag.solver.model.design import Columns
 
 DISPLACEMENT_PART, ROTATION_PART = 0, 1
 LATTICE = 4
-"""Number of nodes on each axis of the lattice over which the volumetric mean is taken."""
+"""Number of nodes on each axis of the lattice for the volumetric mean."""
 _SHEARS = {"C0Y": (0, 1, -1.0), "B0Z": (0, 2, 1.0), "A0Z": (1, 2, -1.0)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Quantities:
-    """Quantities as combinations of the unknowns, one row for each quantity, with its name (EXX ..
-    ECZ, C0Y .. A0Z, X Y Z for the scales) and its node.
+    """The quantities, one row for each value, with the name (EXX .. ECZ, C0Y .. A0Z, X Y Z for the
+    scales) and the node.
 
-    Units: um, urad, um/m; the node of a squareness or scale is 0. A rotation has all nodes 1 .. n,
+    Units: um, urad, um/m. The node of a squareness or scale is 0. A rotation has all nodes 1 .. n,
     because its slope is an error of the machine.
     """
 
@@ -37,7 +37,7 @@ class Quantities:
     combination: Rows
 
     def of(self, name: str) -> NDArray[np.int64]:
-        """Return the rows of one function or number."""
+        """Return the rows of a quantity."""
         return np.flatnonzero(np.array(self.names) == name)
 
     @property
@@ -46,7 +46,6 @@ class Quantities:
         return tuple(dict.fromkeys(self.names))
 
     def select(self, kept: NDArray[np.int64]) -> "Quantities":
-        """Return the quantities of the given rows, in the order of these rows."""
         combination = Rows(
             self.combination.column[kept],
             self.combination.value[kept],
@@ -60,9 +59,8 @@ class Quantities:
 
 
 def quantities(columns: Columns, volume: Volume) -> Quantities:
-    """Return all quantities of a design: nine shapes, the rotations if these are unknowns, three
-    squarenesses, three scales.
-    """
+    """Return all quantities of a design: nine displacements, three squarenesses, three scales,
+    and the rotations if these are unknowns."""
     inner, every = np.arange(1, columns.nodes), np.arange(1, columns.nodes + 1)
     pieces: list[tuple[str, NDArray[np.int64], NDArray[np.int64], Vector]] = []
     for index, name in enumerate(DISPLACEMENTS):
@@ -117,9 +115,8 @@ def quantities(columns: Columns, volume: Volume) -> Quantities:
 
 
 def lattice_field_um(found: Quantities, volume: Volume, chain: str) -> Vector:
-    """Return the effect of a unit of each quantity on the error at the points of a lattice of
-    nodes, shape (points, 3, q).
-    """
+    """Return the effect of one unit of each quantity on the error at the points of a lattice,
+    shape (points, 3, q)."""
     lattice = np.linspace(0, volume.increments, LATTICE).round().astype(np.int64)
     points = np.stack(np.meshgrid(*[lattice] * 3), axis=-1).reshape(-1, 3)
     effects = [
@@ -128,15 +125,12 @@ def lattice_field_um(found: Quantities, volume: Volume, chain: str) -> Vector:
     ]
     return np.concatenate(
         [np.zeros((len(points), 3, 0)), *effects], axis=2
-    )  # with one increment the functions have slopes only
+    )  # with one increment no displacement has a value
 
 
 def _effects_um(
     nodes: NDArray[np.int64], name: str, points: NDArray[np.int64], volume: Volume, chain: str
 ) -> Vector:
-    """Return the effect of a unit of each value of a quantity on the error at each point of the
-    lattice, shape (points, 3, nodes).
-    """
     from_corner_m: Vector = 1e-3 * points * volume.step_mm
     if name in _SHEARS:
         first, second, sign = _SHEARS[name]

@@ -1,6 +1,5 @@
-"""Reported results that a forecast does not contain: functions with and without their slope, the
-reversal, the sum of the scales.
-"""
+"""Results that a forecast does not contain: functions with or without their slope, the reversal,
+the sum of the scales."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,38 +15,34 @@ from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.quantities import Quantities, quantities
 
 SCALE_SUM = "scale sum"
-"""The weighted sum S = sum L^2 scale / R of the three scales, measured by four diagonals (theory 3,
-E5), in um.
-"""
+"""The sum S = sum L^2 scale / R of the three scales in um, which four diagonals measure (theory
+3, E5)."""
 REVERSAL_PART = 2
 
 
 def sloped(name: str) -> str:
-    """Return the name under which a positioning function is reported with its slope."""
+    """Return the name of a positioning function with its slope."""
     return f"sloped {name}"
 
 
 def shape(name: str) -> str:
-    """Return the name under which a rotation is reported without its end-point line."""
+    """Return the name of a rotation without its end-point line."""
     return f"shape {name}"
 
 
 def reversal(name: str) -> str:
-    """Return the name under which the direction-dependent part of a function is reported."""
+    """Return the name of the reversal of a function."""
     return f"reversal {name}"
 
 
 def backlash(name: str) -> str:
-    """Return the name under which the direction-dependent part of a function is reported with its
-    value at the low end.
-    """
+    """Return the name of the reversal of a function, including its value at the low end."""
     return f"backlash {name}"
 
 
 def reported(design: Design) -> Quantities:
-    """Return the quantities of `solver.model.quantities.quantities`, followed by the further
-    reported results of this module.
-    """
+    """Return all results: the quantities of `solver.model.quantities.quantities`, followed by
+    those of this module."""
     columns = design.columns
     base = quantities(columns, design.volume)
     nodes = np.arange(1, columns.nodes + 1)
@@ -90,9 +85,8 @@ def _wide(columns: NDArray[Any]) -> NDArray[Any]:
 
 
 def _further(design: Design) -> list[tuple[str, int, int, float]]:
-    """Return, for each further function, its name, its part (0 displacement, 1 rotation, 2
-    reversal), its number in this part, and 1 if the end-point line is removed (else 0).
-    """
+    """Return, for each additional function, its name, its part (0 displacement, 1 rotation, 2
+    reversal), its number, and 1 if the end-point line is removed, else 0."""
     parts = design.columns.parts
     found = [(sloped(name), 0, DISPLACEMENTS.index(name), 0.0) for name in POSITIONING]
     found += [
@@ -109,12 +103,12 @@ def _further(design: Design) -> list[tuple[str, int, int, float]]:
 def identified(
     found: Quantities, inverse: Inverse, usual: Mapping[str, float]
 ) -> dict[str, bool]:
-    """Return for every quantity whether the readings determine all its values, with an uncertainty
-    below the ``usual`` size for the machine's class.
+    """Return for every quantity whether the readings determine all its values with an uncertainty
+    below the ``usual`` size of the machine's class.
 
-    ``usual`` contains usual sizes by name, in the units of the quantities; a quantity without a
-    usual size is identified if it is determined. A positioning function with its slope is
-    identified if both its shape and its scale are identified.
+    ``usual`` contains usual sizes by name, in the units of the quantities. A quantity without a
+    usual size needs no such uncertainty. A positioning function with its slope is identified if its
+    shape and its scale are identified.
     """
     variances = variance(found, inverse)
     names, number = np.unique(np.array(found.names), return_inverse=True)
@@ -130,11 +124,11 @@ def identified(
 
 
 def variance(found: Quantities, inverse: Inverse) -> Vector:
-    """Return the variance of every quantity, shape (q,); the variance of an unidentified quantity
-    has no meaning.
+    """Return the variance of every quantity, shape (q,). The variance of a quantity that is not
+    identified has no meaning.
 
-    All but the first unknown of a combination are end nodes, so few columns of the covariance
-    suffice for functions of any length.
+    All but the first unknown of each combination are end nodes, so few columns of the covariance
+    are needed.
     """
     column, value = found.combination.column, found.combination.value
     ends, place = np.unique(column[:, 1:], return_inverse=True)

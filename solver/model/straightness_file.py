@@ -1,9 +1,9 @@
-"""The straightness file: straightness measured by a 4-DOF head or a straightedge, for a survey
-whose diagonals were recorded with other software.
+"""The straightness file: straightness from a 4-DOF head or a straightedge, for a survey whose
+diagonals were recorded with other software.
 
-The columns are ``position_mm``, optionally ``approach``, and two for each function, as ``EYX_um``
-and ``u_EYX_um``. An empty field is no value. ``approach`` is 1 where the axis travelled in +, -1
-where in -, 0 or empty for the mean of both.
+The columns are ``position_mm``, optionally ``approach``, and for each function two, for example
+``EYX_um`` and ``u_EYX_um``. An empty field is a missing value. ``approach`` is 1 for travel in +,
+-1 for travel in -, and 0 or empty for the mean of both.
 """
 
 import math
@@ -19,7 +19,7 @@ from stepdiag.solver.model.lateral import MeasuredStraightness
 
 STRAIGHTNESS = tuple(name for name in DISPLACEMENTS if name[1] != name[2])
 LEAST_POSITIONS = 3
-"""Smallest number of positions of a function: with two, any guideway would look straight."""
+"""Smallest number of positions of a function: two positions always form a straight line."""
 
 
 def parse_straightness(
@@ -28,8 +28,8 @@ def parse_straightness(
     """Return the contents of a straightness file, one entry for each function and direction of
     approach.
 
-    Raises ``DataError``, with line or column, for wrong content: an unknown column, a value without
-    its uncertainty, a repeated position.
+    Raises ``DataError``, with the line or column, for an unknown column, a value without its
+    uncertainty, or a repeated position.
     """
     table = read_table(text, source, ("position_mm",))
     names = _functions(list(table[0][1]), source)
@@ -87,9 +87,6 @@ def _functions(columns: list[str], source: str) -> list[str]:
 def _straightness_row(
     fields: dict[str, str], name: str, where: str
 ) -> tuple[int, float, float, float] | None:
-    """Return approach, position, value and uncertainty of a function in one row of the file; None
-    for a row without a value of this function.
-    """
     position = number_in(fields, "position_mm", where)
     approach = number_in(fields, "approach", where, optional=True)
     value = number_in(fields, f"{name}_um", where, optional=True)
@@ -127,9 +124,8 @@ def _function(
 
 
 def render_straightness(measured: Sequence[MeasuredStraightness]) -> str:
-    """Return the text of a straightness file with LF line ends and six decimals; ``measured`` has
-    at most one entry for each function and direction.
-    """
+    """Return the text of a straightness file with LF line ends and six decimals; ``measured``
+    has at most one entry for each function and direction."""
     names = [name for name in STRAIGHTNESS if any(one.name == name for one in measured)]
     lines = ["position_mm,approach," + ",".join(f"{name}_um,u_{name}_um" for name in names)]
     for approach in sorted({one.approach for one in measured}, reverse=True):

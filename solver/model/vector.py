@@ -1,21 +1,20 @@
-"""Wang's closed form for four body step diagonals (Wang 2000, Eqs 3-8 and 12-13), as printed and as
+"""Wang's closed form for four body step diagonals (Wang 2000, Eqs 3-8 and 12-13), as printed and
 corrected.
 
-Gaps of the printed text are filled as the paper intends (theory 3):
+The printed text has gaps, which are filled as follows (theory 3):
 
-- dR(x), dR(y), dR(z) of Eqs 6-8 are the deviations of the moves of an axis, cumulated as a function
-  of the axis' *position* from its low end (E6). An axis that runs backwards contributes with
-  opposite sign and reversed order (E7); raw increments in the order of time would be wrong by tens
-  of um.
-- The lower-case x/R, y/R, z/R of Eqs 4-6 mean the capital letters X/R, Y/R, Z/R (E8). In Eqs 12-13
-  X, Y, Z, R are the whole travels and dR is the deviation from start to end in the direction of
+- dR(x), dR(y), dR(z) of Eqs 6-8 are the deviations of an axis' moves, cumulated by the position of
+  the axis from its low end (E6). For an axis that travels backwards the sign and the order are
+  reversed (E7).
+- The lower-case x/R, y/R, z/R of Eqs 4-6 are the capital letters X/R, Y/R, Z/R (E8). In Eqs 12-13,
+  X, Y, Z, R are the whole travels, and dR is the deviation from start to end in the direction of
   travel (E4, E6).
-- The thetas have the sign of Eqs 12-13, which is the opposite of Eqs 9-11 (E3): theta_xy = -C0Y,
+- The thetas have the sign of Eqs 12-13, which is opposite to Eqs 9-11 (E3): theta_xy = -C0Y,
   theta_zx = +B0Z, theta_yz = -A0Z.
 
-The printed equations take mirror tilt for machine error (up to 420 um/m for 0.5 mrad) and scale
-errors for squareness (E5). The least-squares form uses all four equations, removes end-point lines
-and separates the scale sum; all other errors of the printed equations remain.
+The printed equations convert mirror tilt to machine errors (up to 420 um/m for 0.5 mrad) and scale
+errors to squareness (E5). The least-squares form uses all four equations, removes end-point lines
+and separates the sum of the scales.
 """
 
 from dataclasses import dataclass
@@ -32,18 +31,17 @@ from stepdiag.solver.model.layout import Layout
 SIGNS = np.array([[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]], dtype=np.float64)
 """Signs of the travel along X, Y, Z in the setups ppp, npp, pnp, ppn."""
 CLOSURE = np.array([1.0, -1.0, -1.0, -1.0])
-"""Factors of the closure dR_ppp - dR_npp - dR_pnp - dR_ppn, which is zero at each node of an axis
-for every machine (E14).
-"""
+"""Factors of the closure dR_ppp - dR_npp - dR_pnp - dR_ppn, which is zero at each node for every
+rigid machine (E14)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DiagonalData:
     """The deviations along the four diagonals, sorted as in section III.I of Wang 2000.
 
-    ``by_position_um`` (diagonal, axis, n+1) is the deviation of the moves of an axis, cumulated by
-    position. ``end_um`` (diagonal,) is the deviation from start to end in the direction of travel.
-    ``passes`` (diagonal,) is the number of averaged passes.
+    ``by_position_um`` (diagonal, axis, n+1) are the deviations of the moves of an axis, cumulated
+    by position. ``end_um`` (diagonal,) is the deviation from start to end in the direction of
+    travel. ``passes`` (diagonal,) is the number of averaged passes.
     """
 
     volume: Volume
@@ -54,10 +52,10 @@ class DiagonalData:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VectorSolution:
-    """Solution of a closed form: ``error_um`` (component, axis, n+1) with E_x(x) at [0, 0] and
-    E_x(y) at [0, 1]; ``theta_urad`` with xy, zx, yz in the sign of Eq. 12.
+    """The solution of a closed form: ``error_um`` (component, axis, n+1), for example E_x(y) at [0,
+    1]; ``theta_urad`` with xy, zx, yz and the sign of Eq. 12.
 
-    ``scale_sum_um`` is S = sum L^2 scale / R, None if the method assumes that S is zero.
+    ``scale_sum_um`` is S = sum L^2 scale / R, or None if the method assumes S = 0.
     """
 
     error_um: Vector
@@ -66,7 +64,7 @@ class VectorSolution:
 
 
 def diagonal_data(layout: Layout) -> DiagonalData:
-    """Return the sorted data of the four diagonals as means over the passes.
+    """Return the data of the four diagonals as means over the passes.
 
     Raises ``DataError`` if a diagonal is missing or the diagonals have different increments.
     """
@@ -98,9 +96,8 @@ def diagonal_data(layout: Layout) -> DiagonalData:
 
 
 def _one_pass(layout: Layout, index: int) -> tuple[Vector, float]:
-    """Return the cumulated deviations of a pass by position (axis, n+1) and its end-to-end
-    deviation. The values of a return pass are turned into those of an outward pass.
-    """
+    """Return the cumulated deviations of a pass by position (axis, n+1), and its deviation from
+    start to end, both in the sign of an outward pass."""
     rows = np.flatnonzero(layout.pass_index == index)
     n = layout.volume.increments
     if len(rows) != 3 * n + 1:
@@ -140,8 +137,7 @@ def _one_pass(layout: Layout, index: int) -> tuple[Vector, float]:
 
 def wang2000(data: DiagonalData) -> VectorSolution:
     """Return the solution of Eqs 7, 8 and 13 as printed: two of the four diagonals for each
-    component, with all slopes.
-    """
+    component, with all slopes."""
     size, diagonal = _sizes(data.volume)
     f = data.by_position_um
     error = np.array(
@@ -160,9 +156,8 @@ def wang2000(data: DiagonalData) -> VectorSolution:
 
 
 def least_squares(data: DiagonalData) -> VectorSolution:
-    """Return the least-squares solution of the equations of all four diagonals, without end-point
-    lines, and the squareness from four terms (theory E5, E14).
-    """
+    """Return the least-squares solution from all four diagonals, without end-point lines; the
+    squareness has four terms (theory E5, E14)."""
     size, diagonal = _sizes(data.volume)
     error = (
         np.einsum("dc,dan->can", SIGNS, data.by_position_um)
@@ -186,11 +181,11 @@ def least_squares(data: DiagonalData) -> VectorSolution:
 
 
 def closure_um(data: DiagonalData) -> Vector:
-    """Return the closure residual r(axis, node), shape (3, n+1), without its end-point line, which
-    is mirror tilt (theory E14, 6.5).
+    """Return the closure r(axis, node), shape (3, n+1), without its end-point line, which is mirror
+    tilt (theory E14, 6.5).
 
-    The residual should be noise, twice as large as the noise of one deviation. A small residual
-    does not prove the absence of angular errors (theory 5.3).
+    The expected closure is noise, twice as large as the noise of one deviation. A small closure
+    does not prove that there are no angular errors (theory 5.3).
     """
     return without_end_line(np.einsum("d,dan->an", CLOSURE, data.by_position_um))
 

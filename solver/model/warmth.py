@@ -1,9 +1,7 @@
-"""The machine's temperature from stop to stop: its growth during a survey is subtracted before the
-adjustment.
+"""Reduction of each reading to the mean temperature of the survey, with the assumed expansion
+coefficients.
 
-Each reading is reduced to the mean temperature of the survey with the assumed expansion
-coefficients, so that the result is valid for one temperature. The uncertainty of the coefficients
-enters the adjustment as one of its random effects (`solver.model.effects`).
+The uncertainty of the coefficients is a random effect of the adjustment (`solver.model.effects`).
 """
 
 from dataclasses import replace
@@ -17,20 +15,19 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.model.layout import Layout
 
 STEADY_C = 0.005
-"""Smallest difference of temperatures in C that is corrected: thermometers resolve 0.01 C."""
+"""Smallest range of temperatures in C that is corrected: thermometers resolve 0.01 C."""
 WORTH_SAYING_C = 0.1
-"""Smallest change of temperature in C that gives a finding: 0.1 C changes a metre of steel by 1.2
-um.
-"""
+"""Smallest range of temperatures in C that gives a finding: 0.1 C changes 1 m of steel by 1.2
+um."""
 
 
 def excess_c(layout: Layout, assumed: Assumptions) -> Vector:
-    """Return the difference between the machine's temperature in each reading's pass and the mean
-    of the survey, shape (m,).
+    """Return the temperature of the machine in each reading's pass minus the mean of the survey, in
+    C, shape (m,).
 
-    The mean of a pass is used, so that the resolution of a thermometer does not become noise of the
-    stops. All differences are zero if a reading has no temperature, if all temperatures are equal,
-    or if the readings were already reduced to 20 C.
+    The mean of each pass is used, because the resolution of a thermometer would add noise to single
+    stops. The result is zero if a reading has no temperature, if all temperatures are equal, or if
+    the readings were already reduced to 20 C.
     """
     known = layout.temperature_c
     if (
@@ -46,9 +43,8 @@ def excess_c(layout: Layout, assumed: Assumptions) -> Vector:
 
 
 def counted_mm(layout: Layout) -> Vector:
-    """Return the commanded travel of each axis since the zero of the reading's count, along the
-    reading's direction, shape (m, 3).
-    """
+    """Return the commanded travel of each axis since the zero of the count, along the reading's
+    direction, shape (m, 3)."""
     first = np.unique(layout.zero_index, return_index=True)[1]
     number = np.searchsorted(layout.zero_index[first], layout.zero_index)
     travelled: Vector = (
@@ -58,9 +54,8 @@ def counted_mm(layout: Layout) -> Vector:
 
 
 def at_one_temperature(layout: Layout, assumed: Assumptions) -> Layout:
-    """Return the layout with every deviation reduced to the mean temperature of the survey, with a
-    finding if the temperature changed by `WORTH_SAYING_C`.
-    """
+    """Return the layout with deviations reduced to the mean temperature of the survey, and a
+    finding if the temperature changed by `WORTH_SAYING_C`."""
     warmer = excess_c(layout, assumed)
     if not np.any(warmer):
         return layout
@@ -88,7 +83,7 @@ def _remarks(layout: Layout, assumed: Assumptions) -> tuple[Finding, ...]:
 
 
 def expansions(assumed: Assumptions) -> list[Message]:
-    """Return the words for the expansions of the axes in um/m/C, one for each different value."""
+    """Return the expansion coefficients of the axes in um/m/C as messages, without repetition."""
     return [
         message("plain-figure", figure=one) for one in dict.fromkeys(assumed.expansion_um_m_c)
     ]
