@@ -1,5 +1,3 @@
-"""The adjustment of a survey: fit, correction for the estimated tilts, noise, wrong stops."""
-
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from operator import is_
@@ -88,36 +86,33 @@ from stepdiag.solver.model.warmth import at_one_temperature
 
 TILT_ROUNDS = 2
 SIZE_ROUNDS = 4
-"""Largest number of rounds in which assumed sizes are increased, if they do not settle before."""
+"""Largest number of rounds in which assumed sizes are increased."""
 EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE, FIRST_STOPS)
-"""Effects whose sizes are estimated before wrong stops are searched for, because none of them can
-follow a single wrong stop.
-"""
+"""Effects whose sizes are estimated before the search for wrong stops; none of them can explain
+a single wrong stop."""
 FOUND = (*EFFECTS.values(), TRIAL)
-"""Effects on a count that only a contradiction puts into the model."""
+"""Effects that are added to the model after a contradiction."""
 SETTLED = 0.02
-"""Sizes that change by less than this share have converged: the causes themselves are hardly known
-to a tenth.
-"""
+"""The iteration of the sizes ends when all sizes change by less than this share."""
 PLAUSIBLE = {SETUP_SCALE: 2.0}
-"""Scale of effects in the search for contradictions: the usual size, but twice the usual size for
-scales of setups, as for ten setups in one workshop. A single length compares all seven setups, and
-a survey cannot separate a workshop with large scales from a single wrong setup.
-"""
+"""In the search for contradictions an effect has at most its usual size. The scales of setups
+have twice the usual size, as for a survey of ten setups in one workshop: one length compares all
+seven setups, and a survey cannot distinguish large scales of all setups from one wrong setup."""
 MOST_TILT_MRAD = 200.0
-"""A tenth of this tilt sends the beam past the laser after a quarter of a metre."""
+"""Largest possible mirror tilt: a tenth of it already moves the beam off the laser within 0.25
+m."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Adjustment:
-    """The fit of a survey, and its findings. Rows of the fit are the readings (first m), the head's
-    straightness and the priors.
+    """The fit of a survey and its findings. The rows of the fit are the readings (first m), the
+    straightness of the head, and the priors.
 
-    ``effects`` are the random effects in the order of the fit's causes. ``shapes`` describes the
-    angular functions among them, ``between`` the values between the nodes, ``sizes`` their sizes.
-    ``u_um`` (m,) is the standard uncertainty of every reading by noise, infinite for a stop left
-    out; ``explained`` holds causes outside the model; ``scatter`` holds the machine's repeatability
-    and the noise of its setups.
+    ``effects`` are the random effects in the order of the fit; ``shapes`` are the angular
+    functions, ``between`` the values between the nodes, ``sizes`` the estimated sizes. ``u_um``
+    (m,) is the standard uncertainty of every reading by noise, infinite for an omitted stop.
+    ``explained`` contains errors outside the model. ``scatter`` contains the machine's
+    repeatability and the noise of its setups.
     """
 
     layout: Layout
@@ -136,24 +131,22 @@ class Adjustment:
 
     @property
     def tilt_mrad(self) -> Vector:
-        """Return the lean of every setup's mirror from the machine's diagonal, shape (setups,
+        """Return the mirror tilt of every setup relative to its diagonal in mrad, shape (setups,
         3)."""
         return _tilts(
             self.design, _smallest_machine(self.design, self.fit), len(self.layout.setups)
         )
 
     def first_cause(self, name: str) -> int:
-        """Return the index of the first cause of an effect among all causes. Raises ``ValueError``
-        where the effect does not exist.
-        """
+        """Return the index of the first column of a random effect. Raises ``ValueError`` for an
+        effect that is not in the fit."""
         names = [effect.name for effect in self.effects]
         return sum(effect.count for effect in self.effects[: names.index(name)])
 
     @property
     def products(self) -> dict[int, float]:
-        """Return the causes of the products of axes outside the machine's functions, in the order
-        of `PRODUCTS`, and the um of each.
-        """
+        """Return the columns of the products of two axes outside the machine's functions, in the
+        order of `PRODUCTS`, with their sizes in um."""
         size_um = self.explained.spread[self.explained.of(PRODUCT)]
         return (
             dict(enumerate(size_um.tolist(), self.first_cause(BESIDE)))
@@ -162,17 +155,13 @@ class Adjustment:
         )
 
     def as_usual(self, *found: str) -> MixedFit:
-        """Return the fit in which no cause but growth is larger than usual: a contradiction is then
-        named, even if a large cause could explain it.
-
-        Causes of the names ``found`` keep their size.
-        """
+        """Return the fit in which no effect except growth and the effects ``found`` is larger
+        than usual. In this fit a large effect does not hide a contradiction."""
         return _as_usual(self.fit, self.effects, self.sizes, found)
 
     def plausible(self, *found: str) -> MixedFit:
-        """Return the fit `as_usual`, in which causes with the names ``found`` have their estimated
-        size, or at least the assumed one.
-        """
+        """Return the fit `as_usual`, in which the effects ``found`` have their estimated size,
+        but at least the assumed size."""
         kept = np.array([effect.name in found for effect in self.effects], dtype=np.bool_)
         factor = np.where(kept, np.maximum(1.0, 1.0 / self.sizes.factor), 1.0)
         return sized(
@@ -182,9 +171,8 @@ class Adjustment:
 
     @property
     def repaired_um(self) -> Vector:
-        """Return the deviation of each reading with the found steps of the count subtracted, shape
-        (m,); NaN for a stop left out.
-        """
+        """Return the deviation of each reading in um without the detected steps of the count,
+        shape (m,); NaN for an omitted stop."""
         edges = np.cumsum([0, *(effect.count for effect in self.effects)])
         steps = sum(
             (
@@ -198,9 +186,8 @@ class Adjustment:
 
     @property
     def residual_um(self) -> Vector:
-        """Return the difference of each reading from the machine, including the misses of its
-        moves, shape (m,).
-        """
+        """Return the difference between each reading and the machine in um, including the
+        positioning deviations of the moves, shape (m,)."""
         columns, arrival = self.design.columns, self.layout.arrival
         missed = self.fit.unknowns[columns.miss :]
         by_miss = (
@@ -239,12 +226,12 @@ def adjust(
     straightness: Sequence[MeasuredStraightness] = (),
     assumed: Assumptions | None = None,
 ) -> Adjustment:
-    """Adjust a survey, with the ``straightness`` of a 4-DOF head as further rows.
+    """Adjust a survey; the ``straightness`` of a 4-DOF head adds rows.
 
-    Known angular functions are subtracted first (theory 5.2); functions with an uncertainty are
-    adjusted within this uncertainty. All others, drift and the scales of setups are random effects
-    of the sizes ``assumed``, unless the readings show other sizes. Raises ``UsageError`` for a
-    wrong chain, ``DataError`` for angles that do not span the volume.
+    Known angular functions are subtracted (theory 5.2); a function with an uncertainty is adjusted
+    within it. Unknown angular functions, drift and the scales of setups are random effects of the
+    ``assumed`` sizes, unless the readings show other sizes. Raises ``UsageError`` for an invalid
+    chain and ``DataError`` for angles that do not cover the volume.
     """
     usual = assumed or Assumptions()
     return _Task(
@@ -253,16 +240,13 @@ def adjust(
 
 
 def _both_ways(layout: Layout) -> bool:
-    """Return whether any setup was driven out and back: then backlash lies between its two ways and
-    does not count as a fault of the laser's count.
-    """
+    """Return whether any setup was driven out and back, so that backlash is an unknown and not a
+    fault of the count."""
     ways = {(key.setup, key.outward) for key in layout.passes}
     return any((name, not outward) in ways for name, outward in ways)
 
 
 class _Task:
-    """The iterations of one adjustment: they share the rows and change target and weights."""
-
     def __init__(
         self,
         layout: Layout,
@@ -330,13 +314,12 @@ class _Task:
         self.clean = False
 
     def run(self) -> Adjustment:
-        """Return the adjustment after all iterations."""
         current = self._first_scatter()
         current = self._with_right_signs(self._with_right_names(current))
         for suspicious in self._suspicions(current):
             current = suspicious
-        # a wrong stop must not be explained by larger drift or wander: their sizes are estimated
-        # without the stop
+        # the sizes of drift and wander are estimated without the wrong stops, because a larger
+        # size could explain a wrong stop
         self.clean = True
         current = self._find_scatter(
             self._find_sizes(self._with_effects(current.fixed)), robust=False
@@ -362,11 +345,12 @@ class _Task:
         )
 
     def _first_scatter(self) -> MixedFit:
-        """Return the fit with the scatter that remains beside a named step of the count.
+        """Return the fit with the first estimate of the scatter.
 
-        A single stop hardly moves the robust scatter. A step of millimetres moves every residual of
-        its pass: misses and noise would grow to hide it. It is looked for with the usual sizes,
-        unless the readings scatter less than assumed: then no step is in them that could hide.
+        One wrong stop hardly changes the robust scatter. A step of millimetres would, because it
+        changes every residual of its pass. Such a step is therefore searched for before, with the
+        usual sizes, and omitted from the scatter. No search is necessary if the readings scatter
+        less than assumed.
         """
         current = self._fit_with_tilts()
         within = current.chi_square <= current.freedom
@@ -379,12 +363,10 @@ class _Task:
         return self._with_effects(current.fixed)
 
     def _open_beside(self, current: MixedFit) -> MixedFit:
-        """Return the fit in which the explanations outside the model may have any size up to their
-        spread.
+        """Return the fit that includes the explanations outside the model, each with its size.
 
-        The fit has growth and scales of all setups no larger than usual: these explain a length as
-        well as any explanation does. Each cause keeps its size: growth found anew would leave the
-        share of both to a scale.
+        They are searched for in a fit whose growth and scales of setups are not larger than usual,
+        because these explain a length equally well. The sizes of all other effects do not change.
         """
         alike = np.array(
             [effect.name in (GROWTH, SETUP_SCALE) for effect in self.effects], dtype=np.bool_
@@ -413,10 +395,10 @@ class _Task:
         )
 
     def _with_right_names(self, current: MixedFit) -> MixedFit:
-        """Return the fit with the readings of two setups exchanged, and a finding, if their names
-        agree with all other readings only after the exchange.
+        """Return the fit with the readings of two setups exchanged, and a finding, if only
+        exchanged names agree with all other readings.
 
-        The readings alone are asked: a head whose signs are wrong agrees with exchanged names.
+        Only the readings decide: a head with a wrong sign would also agree with exchanged names.
         """
         usual = _as_usual(current, self.effects, self.sizes)
         if heads := sum(len(one.position_mm) for one in self.straightness):
@@ -440,9 +422,8 @@ class _Task:
         return self._find_scatter(self._fit_with_tilts(), robust=True)
 
     def _with_right_signs(self, current: MixedFit) -> MixedFit:
-        """Return the fit with the signs of angular functions reversed, and a finding, where only
-        the other sign agrees with all other evidence.
-        """
+        """Return the fit with the signs of angular functions reversed, and a finding, if only
+        the reversed sign agrees with all other data."""
         right = sorted(self.angles)
         while wrong := wrong_signs(
             current, {name: self._change_by_sign(name) for name in right}
@@ -456,7 +437,7 @@ class _Task:
             self.findings += [error("angles-far.sign", name=name) for name in wrong]
             right = [name for name in right if name not in wrong]
             current = self._find_scatter(self._fit_with_tilts(), robust=True)
-        # a function no larger than the expanded uncertainty of both its ends has no known sign
+        # the sign of a function within its expanded uncertainty is not determined
         large = [
             name
             for name in right
@@ -470,9 +451,8 @@ class _Task:
         return current
 
     def _change_by_sign(self, name: str) -> Vector:
-        """Return the change of the target of all rows by the other sign of an angular function,
-        shape (rows,).
-        """
+        """Return the change of the target if the sign of an angular function is reversed, shape
+        (rows,)."""
         alone = {name: self.angles[name]}
         beside = [2.0 * of_known_angles(self.design, one, alone) for one in self.straightness]
         change = np.concatenate(
@@ -481,10 +461,10 @@ class _Task:
         return np.pad(change, (0, len(self.target) - len(change)))
 
     def _fit_with_tilts(self) -> MixedFit:
-        """Return the fit of the target for the tilts that it finds itself.
+        """Return the fit with the target corrected for the estimated mirror tilts.
 
-        Found steps of the count are subtracted first: a step of millimetres would appear as a
-        mirror tilt of milliradians, whose terms of second order reach micrometres.
+        Detected steps of the count are subtracted first: a step of millimetres would cause a tilt
+        of milliradians, whose second-order terms are micrometres.
         """
         fixed = fit(self.rows, self.design.blocks, self.target, self._weight())
         found = [effect for effect in self.effects if effect.name in FOUND]
@@ -498,9 +478,8 @@ class _Task:
         return self._with_effects(current.fixed)
 
     def _with_effects(self, fixed: Fit, near: Vector | None = None) -> MixedFit:
-        """Return a fit with the effects, each kind with its most likely size by the readings; the
-        search starts ``near`` other sizes.
-        """
+        """Return a fit with random effects of their most likely sizes; ``near`` is the start of
+        the search."""
         found, self.sizes = self._found(fixed, self.effects, near)
         return found
 
@@ -516,7 +495,7 @@ class _Task:
         return sized(usual, sizes.factor[group]), sizes
 
     def _causes(self, fixed: Fit, effects: Sequence[Effect]) -> Causes:
-        """Return the residues of a fit with effects; cached for the same fit and effects."""
+        """Return the random effects of a fit, cached for the same fit and effects."""
         before, those, causes = self.known
         same = (
             causes is not None
@@ -541,15 +520,13 @@ class _Task:
         return pattern
 
     def _take(self, scatter: Scatter) -> None:
-        """Set the weights of readings and misses by their scatter."""
         self.scatter = scatter
         self.u[: len(self.layout)] = scatter.u_um(self.layout)
         self.u[self.misses.rows] = scatter.misses_um[self.misses.kind]
 
     def _find_scatter(self, current: MixedFit, *, robust: bool) -> MixedFit:
-        """Return the fit with the scatter of its residuals, estimated without influence of wrong
-        stops if ``robust``.
-        """
+        """Return the fit with the estimated scatter of its residuals. With ``robust``, wrong
+        stops hardly influence the scatter."""
         last = np.zeros_like(self.scatter.log_um)
         for _ in range(ROUNDS):
             before = self.scatter
@@ -557,7 +534,7 @@ class _Task:
                 current, self.layout, self.misses, before, self.usual_scatter, robust=robust
             )
             if found.near(before, self.layout):
-                # the fit uses the sizes from before: the reported noise is the one that gave the
+                # the fit uses the previous scatter, so the reported noise is the noise of its
                 # weights
                 self.scatter = replace(
                     before,
@@ -571,19 +548,18 @@ class _Task:
         return self._with_effects(current.fixed)
 
     def _again(self, current: AnyFit) -> MixedFit:
-        """Fit with the present weights, starting near the earlier sizes."""
         return self._with_effects(
             fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse),
             self.sizes.factor,
         )
 
     def _target_for(self, unknowns: Vector) -> Vector:
-        """Return the deviations without the second-order effects of the estimated tilts and without
-        the values beside the targets, shape (m,).
+        """Return the deviations without the second-order effects of the estimated tilts, shape
+        (m,).
 
-        Mirror and beam lean together (theory 4.2): every reading is short by nu^2/2 of itself, and
-        the machine's errors are seen along the normal, not along the diagonal. Subtracting this
-        from the deviations keeps the rows and their null space exact.
+        Mirror and beam tilt together (theory 4.2): every reading is shorter by nu^2/2 of its
+        length, and measures machine errors along the normal instead of the diagonal. The correction
+        is subtracted from the deviations, so that the rows do not change.
         """
         tilt_mrad = _tilts(self.design, unknowns, len(self.layout.setups))
         self._refuse_impossible(tilt_mrad)
@@ -609,9 +585,7 @@ class _Task:
         return corrected
 
     def _refuse_impossible(self, tilt_mrad: Vector) -> None:
-        """Raise ``DataError`` for a mirror that could not send the beam back: each iteration would
-        only diverge further.
-        """
+        """Raise ``DataError`` for a tilt at which no beam returns: the iteration would diverge."""
         size = np.linalg.norm(tilt_mrad, axis=1)
         if not np.all(size <= MOST_TILT_MRAD):
             setup = self.layout.setups[
@@ -629,9 +603,8 @@ class _Task:
         return weight
 
     def _find_sizes(self, current: MixedFit) -> MixedFit:
-        """Increase the assumed sizes of the reversal along an axis, and of drift, to the size in
-        the data (variance components).
-        """
+        """Increase the assumed sizes of drift and of the change of a reversal along its axis to
+        the sizes in the data (variance components)."""
         for _ in range(SIZE_ROUNDS):
             before = self.u.copy()
             for rows in self.sized:
@@ -645,9 +618,9 @@ class _Task:
     def _worst(self, current: MixedFit) -> Suspicion | None:
         """Return the worst contradiction.
 
-        The search uses effects no larger than usual, in which the contradiction cannot hide; it
-        counts only if it explains the readings better than a larger size of the effects. Otherwise
-        the search is repeated with the sizes found.
+        In the first search no effect is larger than usual, so that an effect cannot hide the
+        contradiction. The contradiction is valid if it explains the readings better than larger
+        effects do. Otherwise the search is repeated with the estimated sizes.
         """
         every = counts(current.fixed, self.layout)
         as_usual = _as_usual(current, self.effects, self.sizes)
@@ -661,17 +634,15 @@ class _Task:
         return None if found is None else self._beside(current, found)
 
     def _beside(self, fit: MixedFit, found: Suspicion) -> Suspicion | None:
-        """Return a contradiction; None where a product or a scale explains it nearly as well: these
-        are weighed after the search (`solver.adjustment.explanations`).
-        """
+        """Return the contradiction, or None if a product or a scale explains it nearly as well
+        (`solver.adjustment.explanations`)."""
         if found.best.odds <= most_odds_beside(fit, self.layout) + np.log(ODDS):
             return None
         return found
 
     def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
-        """Return whether the readings are likelier with the suspicion than without it, each with
-        all sizes estimated again.
-        """
+        """Return whether the readings are more likely with the suspicion than without it, each
+        with estimated sizes."""
         with_it, _ = self._found(
             current.fixed, [*self.effects, trial_of(self.layout, suspicion)]
         )
@@ -682,8 +653,7 @@ class _Task:
         )
 
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
-        """Take out contradiction after contradiction and yield the fit without it."""
-        # with more contradictions than one in so many stops, single stops are not the trouble
+        # more contradictions than this have another cause than single wrong stops
         most = max(2, int(len(self.layout) / ODDS))
         for found in range(most + 1):
             suspicion = self._worst(current)
@@ -703,9 +673,8 @@ class _Task:
 
 
 def _kinds_of_misses(layout: Layout) -> NDArray[np.int64]:
-    """Return the kind of every arrival in their order: its axis, or `FIRST` at the first stop of a
-    pass.
-    """
+    """Return the kind of each move's positioning deviation: its axis, or `FIRST` at the first
+    stop of a pass."""
     row, axis = np.nonzero(layout.arrival >= 0)
     _, at = np.unique(layout.arrival[row, axis], return_index=True)
     begins = np.diff(layout.pass_index, prepend=-1)[row[at]] != 0
@@ -714,10 +683,10 @@ def _kinds_of_misses(layout: Layout) -> NDArray[np.int64]:
 
 
 def _smallest_machine(design: Design, current: AnyFit) -> Vector:
-    """Return the unknowns of the smallest machine that explains the readings.
+    """Return the unknowns with the smallest machine errors that explain the readings.
 
-    Tilts and machine slopes share an unidentified part; this part is assigned to the tilts, which
-    are a thousand times larger.
+    Tilts and machine slopes have a common part that is not identified. This part is assigned to the
+    tilts, which are a thousand times larger.
     """
     null = current.inverse.null
     if not null.shape[1]:
@@ -729,7 +698,6 @@ def _smallest_machine(design: Design, current: AnyFit) -> Vector:
 
 
 def _tilts(design: Design, unknowns: Vector, setups: int) -> Vector:
-    """Return the tilts (setups, 3) in mrad."""
     tilts = np.zeros((setups, 3))
     size = unknowns[design.columns.tilt : design.columns.drift]
     np.add.at(

@@ -1,7 +1,8 @@
-"""The unbroken counts of a survey, with the residues of patterns (wrong readings, steps, walks)
-after a fit, and the travels that were driven more than once.
+"""The unbroken counts of a survey, and how visible a wrong reading, a step or a random walk in each
+of them is after a fit.
 
-Computed once for a fit without causes; causes of any size are a small correction to it.
+The figures are computed once for a fit without random effects; random effects of any size are a
+small correction.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -17,26 +18,22 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import Layout
 
 LEAST_ROWS = 3
-"""In a count with at most this number of readings a step cannot be distinguished from a wrong first
-or last stop.
-"""
+"""Largest number of readings with which a step cannot be distinguished from a wrong first or
+last stop."""
 MOST_WAVES = 48
-"""Number of components of a random walk: they hold all but a hundredth of its variance, whatever
-its number of steps.
-"""
+"""Number of components of a random walk: they contain 99 % of its variance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Count:
-    """An unbroken count: its used ``rows`` (k,) in the order of time, and the residues of patterns
-    on it after a fit without causes. ``way`` is the travel of its setup, which a setup that is
-    driven again has in common with it; ``place`` (k,) numbers the targets, ``along_mm`` (k,) is the
-    distance of each reading along the travel.
+    """An unbroken count: its used ``rows`` (k,) in the order of time. ``way`` is the name of its
+    setup without the number of the repetition; ``place`` (k,) are the numbers of the targets;
+    ``along_mm`` (k,) is the distance along the travel.
 
-    A pattern h of the readings leaves the residue h' W R h: W are the weights, R removes the
-    unknowns. ``stop`` (k,) and ``step`` (k,) are the residues of a single reading and of all
-    readings from one on; ``walk`` (k, r) are the largest components of a random walk of 1 um a
-    step, ``walked`` (r, r) their residue.
+    After the fit, a pattern h of the readings has the visibility h' W R h: W are the weights, R
+    removes the unknowns. ``stop`` (k,) is the visibility of an error of one reading, ``step`` (k,)
+    of an error of one reading and all later readings. ``walk`` (k, r) are the largest components of
+    a random walk of 1 um per step, ``walked`` (r, r) their visibility.
     """
 
     rows: NDArray[np.int64]
@@ -51,12 +48,11 @@ class Count:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Way:
-    """A travel of a setup with the readings ``rows`` (k,) of all its drives: ``pattern`` (k, c) has
-    a column for each target that is reached more than once, and for each step there.
+    """All passes over one travel: ``rows`` (k,) are their readings. ``pattern`` (k, c) has a column
+    for an error at each repeated target and for a step at it.
 
-    ``left`` (c,) is the residue h' W R h (`Count`) of each column h after a fit without causes,
-    ``whole`` (c,) is h' W h, the same without any unknowns; ``named`` (c,) is the first reading at
-    its target.
+    ``left`` (c,) is the visibility h' W R h (`Count`) of each column h; ``whole`` (c,) is h' W h;
+    ``named`` (c,) is the first reading at the target.
     """
 
     rows: NDArray[np.int64]
@@ -68,14 +64,12 @@ class Way:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Counts:
-    """The unbroken counts of a survey after a fit without causes, each ``single``."""
-
     fixed: Fit
     single: Sequence[Count]
 
     @cached_property
     def ways(self) -> list[Way]:
-        """Return the ways with more than a handful of targets that are reached more than once."""
+        """Return the travels with more than `LEAST_ROWS` repeated targets."""
         every = [
             [count for count in self.single if count.way == way]
             for way in dict.fromkeys(count.way for count in self.single)
@@ -84,9 +78,8 @@ class Counts:
 
 
 def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> Counts:
-    """Return every unbroken count with more than a handful of used readings; only for the given
-    kinds of setups, if any.
-    """
+    """Return every unbroken count with more than `LEAST_ROWS` used readings, optionally for some
+    kinds of setups."""
     every = [rows for rows in _unbroken(fixed, layout, kinds) if len(rows) > LEAST_ROWS]
     place = layout.target_index
     return Counts(
@@ -101,9 +94,7 @@ def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> 
 def short_counts(
     fixed: Fit, layout: Layout, kinds: Collection[str]
 ) -> list[NDArray[np.int64]]:
-    """Return the rows of every unbroken count of some kinds of setups that is too short for a
-    search (two rows at least).
-    """
+    """Return the rows of every unbroken count with two to `LEAST_ROWS` used readings."""
     return [rows for rows in _unbroken(fixed, layout, kinds) if 1 < len(rows) <= LEAST_ROWS]
 
 
@@ -128,12 +119,11 @@ def _count(
     rows: NDArray[np.int64],
 ) -> Count:
     """Return a count from the matrix W R = W - W A C A' W of its rows. ``weight`` (k,) is the
-    diagonal of W, ``among`` the covariance A C A' of its fitted readings (`_among_each`).
-    """
+    diagonal of W, ``among`` is A C A'."""
     walk = walk_of(len(rows))
     own = weight**2 * among.diagonal()
-    # all readings from one reading on: its own share, and twice the common part with each later
-    # reading
+    # an error of all later readings: the sum of the own part and of twice the common part with each
+    # later reading
     common = weight * among.with_those_after(weight)
     weighted = weight[:, None] * walk
     return Count(
@@ -149,9 +139,8 @@ def _count(
 
 
 def _way_of(fixed: Fit, driven: Sequence[Count]) -> Way | None:
-    """Return a way by the weighted sums of all readings at each target, in the order along it; None
-    without more than a handful of targets that its drives reach more than once.
-    """
+    """Return the travel with weighted sums of all readings at each target, or None if at most
+    `LEAST_ROWS` targets are repeated."""
     rows, target, along_mm = (
         np.concatenate([getattr(count, name) for count in driven])
         for name in ("rows", "place", "along_mm")
@@ -164,7 +153,7 @@ def _way_of(fixed: Fit, driven: Sequence[Count]) -> Way | None:
     if len(again) <= LEAST_ROWS:
         return None
     at = (order[:, None] == place).astype(np.float64)
-    # a step before the second target or the last is a wrong first or last one
+    # a step before the second or the last target is the same as a wrong first or last target
     steps = again[2:-1]
     weighted = at * fixed.weight[rows]
     among = fixed.inverse.among(fixed.rows.select(rows).summed(weighted))
@@ -185,10 +174,8 @@ def _way_of(fixed: Fit, driven: Sequence[Count]) -> Way | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Among:
-    """The covariance A C A' of a count (`_among_each`), shape (k, k): the blocks on the diagonal
-    are ``alike``, with ``above`` on their upper side; ``across own' + own across'`` is added to
-    both.
-    """
+    """The covariance A C A' of the fitted readings of a count, shape (k, k): ``alike + across
+    own' + own across'``. ``above`` is the part of ``alike`` above the diagonal."""
 
     alike: Vector
     above: Vector
@@ -196,12 +183,10 @@ class _Among:
     own: Vector
 
     def diagonal(self) -> Vector:
-        """Return the diagonal, shape (k,)."""
         found: Vector = np.diag(self.alike) + 2.0 * np.sum(self.across * self.own, axis=1)
         return found
 
     def times(self, values: Vector) -> Vector:
-        """Return the product with ``values`` (k, c)."""
         product: Vector = (
             self.alike @ values
             + self.across @ (self.own.T @ values)
@@ -210,7 +195,7 @@ class _Among:
         return product
 
     def with_those_after(self, values: Vector) -> Vector:
-        """Return the product of the part above the diagonal with ``values`` (k,)."""
+        """Return the part above the diagonal times ``values`` (k,)."""
         own, across = (after_each(values[:, None] * part) for part in (self.own, self.across))
         product: Vector = self.above @ values + np.sum(
             self.across * own + self.own * across, axis=1
@@ -219,12 +204,11 @@ class _Among:
 
 
 def _among_each(fixed: Fit, every: Sequence[NDArray[np.int64]]) -> Iterator[_Among]:
-    """Yield, for each count, the covariance A C A' of its fitted readings: A are the rows of the
-    count, C is the covariance of the unknowns.
+    """Yield, for each count, the covariance A C A' of its fitted readings: A are its rows, C is the
+    covariance of the unknowns.
 
-    Two counts of the same pass, repeated, differ only in their zero and drift, each of which is
-    common to all rows of its count: A = B + D, and B C B' is computed once for all of them, as long
-    as they follow each other.
+    Repetitions of a pass differ only in columns that are equal in all their rows (zero, drift): A =
+    B + D. The product B C B' is computed once for successive repetitions.
     """
     some = [fixed.rows.select(rows) for rows in every]
     alike = [(np.ptp(one.column, axis=0) == 0) & np.any(one.value, axis=0) for one in some]
@@ -250,28 +234,28 @@ def _among_each(fixed: Fit, every: Sequence[NDArray[np.int64]]) -> Iterator[_Amo
 
 
 def from_each_on(values: Vector) -> Vector:
-    """Return for each row the sum of the row and all later rows, shape as ``values``."""
+    """Return for each row the sum of the row and all later rows."""
     summed: Vector = np.cumsum(values[::-1], axis=0)[::-1]
     return summed
 
 
 def after_each(values: Vector) -> Vector:
-    """Return for each row the sum of all later rows, shape as ``values``."""
+    """Return for each row the sum of all later rows."""
     summed: Vector = from_each_on(values) - values
     return summed
 
 
 def steps_of(count: int, places: NDArray[np.int64]) -> Vector:
-    """Return steps before some readings, shape (count, places): 1 from the reading on."""
+    """Return unit steps that begin at the readings ``places``, shape (count, places)."""
     steps: Vector = (np.arange(count)[:, None] >= places).astype(np.float64)
     return steps
 
 
 def walk_of(count: int) -> Vector:
-    """Return a random walk of 1 um a step by its largest components, shape (count, r): their
-    product with their transpose is its covariance.
+    """Return a random walk of 1 um per step by its largest components, shape (count, r): walk @
+    walk.T is its covariance.
 
-    Zero at the first reading; eigenvectors of min(i, j) (Karhunen and Loeve).
+    The components are the eigenvectors of min(i, j) (Karhunen and Loeve).
     """
     steps = count - 1
     half_turn = np.pi * (np.arange(min(steps, MOST_WAVES)) + 0.5) / (2 * steps + 1)

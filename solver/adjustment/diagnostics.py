@@ -1,6 +1,4 @@
-"""State of every setup and agreement of the readings: the service engineer's checks before the
-result.
-"""
+"""The state of every setup and the agreement of the readings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -26,35 +24,30 @@ from stepdiag.solver.model.noise import LEAST_FREEDOM
 from stepdiag.solver.model.vector import closure_um, diagonal_data
 
 TILT_LIMIT_MRAD = 2.0
-"""Above this tilt the mirror must be realigned: the beam leaves the detector and second-order terms
-reach micrometres.
-"""
+"""Above this tilt the mirror must be realigned: the beam leaves the detector, and second-order
+terms are micrometres."""
 DRIFT_LIMIT_UM = 2.0
-"""Larger drifts are reported: a machine that is warm drifts less in an out-and-back pair."""
+"""Larger drifts are reported; a warm machine drifts less during an out-and-back pair."""
 IN_TIME = ("drift", "wander", "wandering pass")
-"""Effects of the adjustment that change a count in the course of time."""
+"""Random effects that change a count during a pass."""
 NOISE_LIMIT_UM = 1.0
-"""Larger uncertainties of a single reading are reported: those of usual surveys are smaller."""
+"""Larger standard uncertainties of a reading are reported."""
 FAR_NOISE = 10.0
-"""Multiple of the limit that stops an export."""
+"""An export is refused above this multiple of the limit."""
 REPEATS_UM = 5.0
-"""Largest repeatability of an approach, three times that of a worn machine: beyond it a mirror, a
-beam or a pass has moved.
-"""
+"""Largest possible repeatability: three times that of a worn machine. If it is larger, a mirror
+or a beam has moved."""
 TOO_LOW = 2.0
-"""If the scatter of a setup exceeds the uncertainty stated for its stops by this factor, the stated
-uncertainty is too small; an excess of a fifth can be chance.
-"""
+"""The stated uncertainty is too small if the scatter is larger by this factor. An excess of 20 %
+can be chance."""
 GREW_UM_M, GREW_SURE = 5.0, 3.0
-"""Growth below half a kelvin of steel is no reason to warm the machine up."""
+"""Growth below half a kelvin of steel needs no warm-up."""
 MISCLOSED, MISCLOSED_FAR = 2.0, 3.5
-"""Numbers of standard uncertainties beyond which a scale misclosure is reported, and stops an
-export. Of 200 good surveys of ordinary machines two were reported and none stopped.
-"""
+"""A scale misclosure of more than 2.0 standard uncertainties is reported; above 3.5 an export is
+refused. Of 200 good surveys of ordinary machines two were reported and none was refused."""
 
 
 def travel_report(layout: Layout, setup: Setup) -> SetupReport:
-    """Return the travel of a setup, its passes and stops."""
     return SetupReport(
         kind=setup.kind,
         passes=tuple(key.number for key in layout.passes if key.setup == setup.name),
@@ -87,11 +80,10 @@ def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
 
 
 def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
-    """Return the drift of the count in every out-and-back pair, over its whole duration, where it
-    is identified.
+    """Return the drift of the count in every out-and-back pair where it is identified.
 
-    The linear part is an unknown with a small expected size. Every other change of a pass in time
-    (`IN_TIME`) has its share, so their sum is known, with the uncertainty that the readings leave.
+    The drift is the sum of the linear part, which is an unknown, and of the random effects in
+    `IN_TIME`.
     """
     columns, fit = found.design.columns, found.fit
     drifts: list[Drift] = []
@@ -129,9 +121,8 @@ def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
 
 
 def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
-    """Return the effect of one unit of every cause on the drift between the first and the last of
-    some readings, shape (causes,).
-    """
+    """Return the effect of one unit of every random effect on the drift between the first and
+    the last of some readings, shape (random effects,)."""
     kinds = np.repeat(
         [effect.name in IN_TIME for effect in found.effects],
         [effect.count for effect in found.effects],
@@ -141,19 +132,19 @@ def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
         of_count = rows[found.layout.offset_index[rows] == number]
         added += found.fit.causes.pattern[
             of_count[-1]
-        ]  # every effect of time is zero at the first reading
+        ]  # these effects are zero at the first reading
     return np.where(kinds, added, 0.0)
 
 
 def _repeatability_um(
     layout: Layout, place: NDArray[np.int64], deviation_um: Vector, setup: str
 ) -> float | None:
-    """Return the standard deviation of a stop between passes in the same direction, None without
-    repeats.
+    """Return the standard deviation of a stop between passes in the same direction, or None without
+    repetitions.
 
-    A step of the count and a wrong stop are repaired, and are no scatter of the machine. Stops at a
-    common target are equal, whatever their numbers: axes may move in another order from pass to
-    pass. ``place`` (m,) numbers the targets, ``deviation_um`` (m,) is NaN for a stop left out.
+    ``deviation_um`` (m,) has no steps of the count, and is NaN for an omitted stop. Stops are
+    compared by the target numbers ``place`` (m,), because the order of the axes may differ between
+    passes.
     """
     squares, freedom = 0.0, 0
     for outward in (True, False):
@@ -178,20 +169,18 @@ def _repeatability_um(
 
 
 def _at_places(value_um: Vector, place: NDArray[np.int64], wanted: Sequence[int]) -> Vector:
-    """Return the values at some places in their order, shape (places,)."""
     order = np.argsort(place, kind="stable")
     found: Vector = value_um[order[np.searchsorted(place[order], wanted)]]
     return found
 
 
 def _interrupted(layout: Layout, index: int) -> bool:
-    """Return whether the count was lost within a pass: its parts have no common zero."""
     return bool(np.ptp(layout.zero_index[layout.pass_index == index]))
 
 
 def closure_report(layout: Layout) -> Closure | None:
-    """Return the closure residual by axis (um, node by node), None unless all four diagonals have
-    the same stops."""
+    """Return the closure by axis (um, at each node), or None unless all four diagonals have the
+    same stops."""
     names = {setup.name for setup in layout.setups}
     stops = 3 * layout.volume.increments + 1
     counts = np.bincount(layout.pass_index, minlength=len(layout.passes))
@@ -203,15 +192,15 @@ def closure_report(layout: Layout) -> Closure | None:
 
 
 def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
-    """Return the disagreement of the scales of the diagonals and of the linear runs, as end-to-end
-    length of a body diagonal in um, with its standard uncertainty; None if the readings do not
-    compare them (theory 6.4: S measured minus S from the runs).
+    """Return the scale misclosure: the length of a body diagonal by the diagonals minus its length
+    by the linear runs, in um, with its standard uncertainty (theory 6.4). The result is None if the
+    readings do not compare these lengths.
 
-    Angles and growth have their size by the readings, angles at least the assumed size: the closure
-    does not show slopes of pitch and yaw. Drift and the scales of setups have a plausible size
-    (`solver.adjustment.adjustment.PLAUSIBLE`): this single length could enlarge them to its own
-    size, and would then contradict nothing. Products of a named machine keep their size: a length
-    that they explain blames no setup.
+    Angles have at least their assumed size, because the closure does not show slopes of pitch and
+    yaw. Growth has its estimated size. Drift and scales of setups have a plausible size
+    (`solver.adjustment.adjustment.PLAUSIBLE`), because otherwise this one length could enlarge them
+    until it contradicts nothing. Products have their estimated size if the finding is about the
+    machine.
     """
     layout = found.layout
     machine = (BESIDE,) if found.explained.machine_named else ()
@@ -235,9 +224,8 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
 def scale_findings(found: Adjustment) -> list[Finding]:
     """Return the finding on diagonals and linear runs with different scales.
 
-    Four diagonals compare a single length (theory 3, E5; their squareness is free): no other
-    reading shows which of them, or of the linear runs, is wrong. So every candidate is named with
-    its possible size, and a contradiction beyond chance stops an export.
+    Four diagonals compare one length (theory 3, E5), so the readings do not show which setup is
+    wrong. The finding contains every candidate with its size; a large misclosure refuses an export.
     """
     both = scale_misclosure(found)
     if both is None or abs(both[0]) <= MISCLOSED * both[1]:
@@ -267,9 +255,8 @@ def setup_findings(found: Adjustment, reports: Mapping[str, SetupReport]) -> lis
 
 
 def scatter_findings(found: Adjustment) -> list[Finding]:
-    """Return the findings about the machine's repeatability, where the readings show it, and about
-    setups that state less noise than they show.
-    """
+    """Return the findings about a measured repeatability, and about setups whose stated noise is
+    too small."""
     scatter, findings = found.scatter, []
     if np.sum(scatter.freedom_misses[:FIRST]) >= LEAST_FREEDOM:
         seen = np.flatnonzero(scatter.freedom_misses[:FIRST] > 0)
@@ -288,7 +275,7 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
         )
         findings.append(finding("info", words))
     rms_um = np.array([_stated_um(found, index) for index in range(len(found.layout.setups))])
-    # where noise and misses are one pattern, a machine that repeats as assumed explains it as well
+    # without separate noise, a repeatability as assumed is a sufficient explanation
     beside_um = np.where(separated(found.layout), 0.0, found.assumed.repeatability_um)
     low = (np.hypot(rms_um, scatter.noise_um) > TOO_LOW * np.hypot(rms_um, beside_um)) & (
         scatter.freedom_noise >= LEAST_FREEDOM
@@ -309,17 +296,15 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
 
 
 def _stated_um(found: Adjustment, index: int) -> float:
-    """Return the root mean square of the uncertainties that the readings of a setup state; infinite
-    if one reading states none.
-    """
+    """Return the root mean square of the stated uncertainties of a setup, infinite if one is
+    missing."""
     stated = found.layout.u_um[found.layout.setup_index == index]
     return float(np.sqrt(np.mean(stated**2))) if np.all(np.isfinite(stated)) else np.inf
 
 
 def growth_findings(found: Adjustment) -> list[Finding]:
-    """Return the finding on axes that grew from the first reading to the last by more than chance
-    and `GREW_UM_M`.
-    """
+    """Return the finding on axes whose length changed during the survey by more than `GREW_UM_M`
+    and chance."""
     if GROWTH not in {effect.name for effect in found.effects} or not found.explained.grows:
         return []
     place = found.first_cause(GROWTH)
@@ -364,9 +349,6 @@ def _of_setup(name: str, report: SetupReport) -> list[Finding]:
 
 
 def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
-    """Return a finding for noisy readings and a finding for stops that do not repeat, each naming
-    its setups.
-    """
     messages = []
     if noisy := _above(reports, "noise_um"):
         messages.append(
@@ -390,9 +372,8 @@ def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
 
 
 def _no_machines(reports: Mapping[str, SetupReport], scatter: Scatter) -> list[Finding]:
-    """Return an error for the machine, and for each setup, whose scatter is too large for any
-    machine: its cause must be removed first.
-    """
+    """Return an error for a machine or a setup whose scatter is impossible for a working
+    machine."""
     repeats_um, times = scatter.repeatability_um, FAR_NOISE
     found = (
         [error("noise-high.machine", repeatability_um=repeats_um)]

@@ -1,41 +1,41 @@
-"""Theory of operation: one number decides about errors of a survey.
+"""Theory of operation: the odds of each possible error of a survey.
 
-The model. Readings are normal given the sizes of all causes, ``y = A x + B a + e``
-(`solver.model.design`, `solver.model.effects`). An explanation is a further pattern h: a stop, a
-step of the count, either of them in each drive of a setup, the scale of a setup, a product of two
-axes in a component of the machine's errors (and y^2 z in Z, a ram that sags). Its residue in the
-fit decides everything (Baarda 1968; V is the covariance of the readings with all causes in it, R
-removes the unknowns x):
+The readings are normal for given standard deviations of the random effects, ``y = A x + B a + e``
+(`solver.model.design`, `solver.model.effects`). An explanation is an additional pattern h: a wrong
+stop, a step of the count, either of them in each repetition of a pass, the scale of a setup, or a
+product of two axes in a component of the machine's errors (and y^2 z in Z, a ram that sags). With
+V, the covariance of the readings including the random effects, and R, which removes the unknowns x
+(Baarda 1968):
 
     shown = h' V^-1 R y
     seen = h' V^-1 R h
     most likely size = shown / seen
     z^2 = shown^2 / seen
 
-Its size t is unknown: its standard deviation is anything from the uncertainty 1 / sqrt(seen) up to
-2000 times this; each power of two is as likely. The Bayes factor against nothing is the mean over
-these of
+The size t is unknown. Its standard deviation has a prior from the uncertainty 1 / sqrt(seen) up to
+2000 times this value; each power of two has the same probability. The Bayes factor against "no
+error" is the mean over these standard deviations of
 
     p(y | t) / p(y | 0) = (1 + t^2 seen)^-1/2 exp(1/2 gain(z^2 t^2 seen / (1 + t^2 seen)))
 
-For a known noise, gain(q) = q; the noise is known from the same residuals, so gain is the gain of
-the profile likelihood (`solver.linear.components.gained`). The first factor is Occam's: a cause of
-any size explains less. Sizes are relative to the readings, so no usual size chooses between two
-explanations of a pattern: these have the same z, and the same number. A pass that wanders consists
-of many patterns with a common size, and so does growth in time. Odds are the factor times the prior
-of the kind (`PRIOR`), divided among the explanations of the kind:
+For a known noise, gain(q) = q. The noise is estimated from the same residuals, so gain is that of
+the profile likelihood (`solver.linear.components.gained`). The first factor reduces the odds of an
+explanation with a free size. Explanations with the same pattern have the same z and the same Bayes
+factor, because sizes are relative to the uncertainty. A wandering pass and growth in time consist
+of many patterns with a common standard deviation. The odds also contain the prior of the kind
+(`PRIOR`), divided among the explanations of this kind:
 
     odds_k = prior_k / (number of its kind) * Bayes factor_k
     p_k = odds_k / (1 + sum of all odds)
 
-The limit `ODDS` = 20 decides in each case. If the best stop, step or pass has twenty times the odds
-of no fault, of every scale and of every product, it is named if it also has twenty times the odds
-of every other, and is left out (`solver.adjustment.faults`); then the search is repeated. The
-explanations that remain probable after the repair form the mixture of the result
+The limit is `ODDS` = 20. The best stop, step or pass is a contradiction if its odds are 20 times
+those of no error, of every scale and of every product. It is omitted if its odds are also 20 times
+those of every other fault (`solver.adjustment.faults`), and the search is repeated. After the
+repair, the explanations that are still probable are the mixture of the result
 (`solver.adjustment.explanations`).
 
-The cost is products of the patterns with the existing inverse, and no further fit for a rejected
-explanation.
+No rejected explanation needs a new fit: its odds are products of the pattern with the existing
+inverse.
 """
 
 from collections.abc import Callable
@@ -50,7 +50,7 @@ from stepdiag.solver.linear.components import gained
 from stepdiag.solver.linear.mixed import MixedFit
 
 ODDS = 20.0
-"""Twenty to one is strong evidence (Kass and Raftery 1995)."""
+"""Odds of 20 to 1 are strong evidence (Kass and Raftery 1995)."""
 STOP, STEP, PLACE, WALK, SCALE, PRODUCT, GROWN, TURNED, EXCHANGED = (
     "stop",
     "step",
@@ -68,36 +68,34 @@ PRIOR = {
     SCALE: 0.2,
     **dict.fromkeys((PRODUCT, PLACE, WALK, TURNED), 0.1),
 }
-"""Prior probability that a survey has an explanation of a kind. Every second survey begins on a
-cold machine. Shops repeat a pass in one survey of three. In one survey of five a setup differs from
-the others in wavelength, air or target. Rarer are a machine with products as large as its
-functions, a place where it leaves them, a pass that wanders and a head with the other sign. Of 120
-surveys with a setup 0 to 40 um/m off, 17 left more than was promised with 0.1 for a scale, 10 with
-0.2 and 5 with 0.3, which calls a machine that warms ambiguous.
+"""Prior probability that a survey has an error of this kind. Every second survey begins on a cold
+machine. One survey of three has a wrong stop or a step. In one survey of five a setup has another
+scale, from its wavelength, air or target. Less frequent are products as large as the machine's
+functions, a place with a local error, a wandering pass, and a head with a wrong sign.
+
+Of 120 surveys with a scale of 0 to 40 um/m in one setup, 17 had errors beyond U with a prior of 0.1
+for a scale, 10 with 0.2, and 5 with 0.3. With 0.3 the cause is ambiguous for a machine that warms
+up.
 """
 PRIOR[EXCHANGED] = PRIOR[SCALE] / ODDS
-"""In one survey of a hundred two names are exchanged: a setup is twenty times as often of another
-scale."""
+"""In one survey of a hundred two names are exchanged."""
 GROWING = 4.0 ** np.arange(12)
-"""Squares of sizes over the uncertainty of the readings, all as likely: from once to 2000 times the
-uncertainty."""
+"""Squares of equally likely standard deviations, relative to the uncertainty of the readings: 1
+to 2000 times the uncertainty."""
 SURE = 1.0 - 1.0 / ODDS
-"""Probability promised by U: the same odds against a value beyond it."""
+"""Probability that an error is within U."""
 HIDDEN = 1e-6
-"""Smallest share of a pattern that the fit must leave in the residuals; below it the pattern cannot
-be separated from the unknowns, and a pattern that moves the volume by less is rounding.
-"""
+"""Smallest visible share of a pattern: with a smaller share the fit cannot separate the pattern
+from the unknowns."""
 DECIMALS = 6
-"""Log-odds beyond which the order of two explanations is chance."""
+"""Decimals of log-odds that are compared: smaller differences are rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
-    """Of c patterns h, in the symbols of the theory above: ``shown`` (c,) = h' V^-1 R y, ``seen``
-    (c, c) = h' V^-1 R h, ``whole`` (c,) = h' W h with the weights W of the readings, without any
-    unknowns or causes, and ``moved`` (count, c) the decrease of the unknowns for one unit of each
-    pattern.
-    """
+    """The figures of c patterns h in the symbols of this module: ``shown`` (c,) = h' V^-1 R y,
+    ``seen`` (c, c) = h' V^-1 R h, ``whole`` (c,) = h' W h with the weights W. ``moved`` (count,
+    c) is the decrease of the unknowns for one unit of each pattern."""
 
     shown: Vector
     seen: Vector
@@ -106,9 +104,7 @@ class Response:
 
 
 def response_of(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Response:
-    """Return the response of a fit to patterns (k, c) on some of its rows (k,); they are zero on
-    all others.
-    """
+    """Return the figures of patterns (k, c) on the rows ``rows`` (k,) of a fit."""
     weighted = fit.weight[rows, None] * pattern
     on_all = np.zeros((len(fit.weight), pattern.shape[1]))
     on_all[rows] = weighted
@@ -126,8 +122,8 @@ def response_of(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Resp
 
 
 class Evidence(NamedTuple):
-    """``log_odds`` (c,): logarithm of the odds; ``square`` (c,): the expected square of the size
-    where the explanation is true."""
+    """``log_odds`` (c,) is the logarithm of the odds; ``square`` (c,) is the expected square of
+    the size if the explanation is true."""
 
     log_odds: Vector
     square: Vector
@@ -135,12 +131,12 @@ class Evidence(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Family:
-    """Explanations of a kind with a pattern each: c patterns on ``rows`` (k,), ``pattern`` gives
-    the patterns of some places, shape (k, p).
+    """Explanations of one kind on the readings ``rows`` (k,), each with one pattern. ``pattern``
+    returns the patterns of some explanations, shape (k, p).
 
-    ``shown`` and ``seen`` (c,) as in `Response`, ``seen`` 0 for a pattern that the fit cannot
-    separate from its unknowns. ``named`` (c,) are the readings, the setup or the product of each
-    name; ``most`` is the largest size.
+    ``shown`` and ``seen`` (c,) are the figures of this module; ``seen`` is 0 for a pattern that the
+    fit cannot separate from its unknowns. ``named`` (c,) is the reading, setup or product of each
+    explanation. ``most`` is the largest possible size.
     """
 
     kind: str
@@ -153,16 +149,16 @@ class Family:
 
     @property
     def size(self) -> Vector:
-        """Return the most likely size of each explanation taken alone, shape (c,); 0 where the
-        readings do not depend on it.
-        """
+        """Return the most likely size of each explanation, shape (c,), or 0 if the readings do
+        not depend on it."""
         found: Vector = np.where(
             self.seen > 0, self.shown / np.where(self.seen > 0, self.seen, 1.0), 0.0
         )
         return found
 
     def weighed(self, fit: MixedFit, many: int) -> Evidence:
-        """Return the evidence for each of ``many`` explanations of its kind."""
+        """Return the evidence of each explanation; ``many`` is the number of explanations of its
+        kind."""
         found = evidence_of(fit, self.shown, self.seen, self.most)
         return Evidence(
             found.log_odds + log_prior(self.kind, many),
@@ -171,23 +167,20 @@ class Family:
 
 
 def log_prior(kind: str, many: int) -> float:
-    """Return the logarithm of the odds of one of ``many`` explanations of a kind before any
-    reading."""
+    """Return the logarithm of the prior odds of one of ``many`` explanations of a kind."""
     return float(np.log(PRIOR[kind] / max(many, 1)))
 
 
 def visible(seen: Vector, whole: Vector) -> Vector:
-    """Return the seen part of each pattern, set to 0 where it is negligible relative to the
-    ``whole``, shapes (c,).
-    """
+    """Return ``seen`` with negligible shares of ``whole`` set to 0, shapes (c,)."""
     return np.where(seen > HIDDEN * np.maximum(whole, np.finfo(np.float64).tiny), seen, 0.0)
 
 
 def evidence_of(fit: MixedFit, shown: Vector, seen: Vector, most: float = np.inf) -> Evidence:
-    """Return the evidence of explanations relative to "no fault". Each explanation is one pattern
-    with its ``shown`` and ``seen`` parts in a fit (see the module), shapes (c,).
+    """Return the evidence of explanations against "no error", from their ``shown`` and ``seen``
+    (c,).
 
-    An unseen pattern has no evidence, and no size; no size exceeds ``most``.
+    A pattern that is not visible has no evidence and the size 0. No size is larger than ``most``.
     """
     some = seen > 0
     safe = np.where(some, seen, 1.0)
@@ -195,15 +188,14 @@ def evidence_of(fit: MixedFit, shown: Vector, seen: Vector, most: float = np.inf
     share = (GROWING / (1.0 + GROWING))[:, None]
     likely = 0.5 * (gained(fit, fit.chi_square - best * share) - np.log1p(GROWING)[:, None])
     log_odds, weight = _mean(np.where(GROWING[:, None] <= most**2 * safe, likely, -np.inf))
-    # for a given width the size is normal about its most likely value; both are shrunk towards zero
+    # for each prior width, the size and its variance shrink towards zero
     square = np.sum(weight * (best * share**2 + share), axis=0) / safe
     return Evidence(np.where(some, log_odds, -np.inf), np.where(some, square, 0.0))
 
 
 def evidence_of_many(fit: MixedFit, shown: Vector, seen: Vector) -> float:
-    """Return the evidence (logarithm) of an explanation of many independent patterns of a common
-    size, shapes (k,).
-    """
+    """Return the logarithm of the Bayes factor of one explanation with many independent patterns
+    (k,) of a common standard deviation."""
     if not len(seen):
         return -np.inf
     grown = GROWING[:, None] / np.max(seen) * seen
@@ -214,20 +206,18 @@ def evidence_of_many(fit: MixedFit, shown: Vector, seen: Vector) -> float:
 
 
 def directions(seen: Vector, shown: Vector) -> tuple[Vector, Vector]:
-    """Return the shown and seen parts of patterns in the independent directions of the fit, shapes
-    (k,).
-    """
+    """Return ``shown`` and ``seen`` of the independent directions of some patterns, shapes (k,)."""
     value, turn = np.linalg.eigh(seen)
     clear = value > HIDDEN * max(float(value[-1]), np.finfo(np.float64).tiny)
     return turn.T[clear] @ shown, value[clear]
 
 
 def standing_out(freedom: int, prior: float, most: float) -> float:
-    """Return the number of standard uncertainties at which one pattern has `ODDS` against chance,
-    at most ``most``.
+    """Return the number of standard uncertainties at which one pattern has the odds `ODDS`, at most
+    ``most``.
 
-    With few degrees of freedom the pattern makes up most of the square sum from which the noise is
-    estimated. ``prior`` is a logarithm.
+    With few degrees of freedom the pattern is a large part of the square sum from which the noise
+    is estimated. ``prior`` is a logarithm.
     """
     size = np.linspace(1.0, most, 10 * int(most))
     left = 1.0 - size**2 / (freedom + size**2) * (GROWING / (1.0 + GROWING))[:, None]
@@ -236,7 +226,7 @@ def standing_out(freedom: int, prior: float, most: float) -> float:
 
 
 def _mean(likely: Vector) -> tuple[Vector, Vector]:
-    """Return the logarithm of the mean over the sizes (rows), and the share of each in the mean."""
+    """Return the logarithm of the mean over the rows, and the share of each row in it."""
     most = np.max(likely, axis=0)
     weight = np.exp(likely - most)
     total = np.sum(weight, axis=0)

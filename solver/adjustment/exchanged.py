@@ -1,9 +1,9 @@
-"""Two setups whose names were exchanged.
+"""Two setups with exchanged names.
 
-Two diagonals have steps of the same lengths, so the laser fits either. The readings of all setups
-agree on one machine only with the right names: an exchange has no size, and its gain in likelihood
-is its evidence (`solver.adjustment.evidence`). An exchange also explains part of a large step: it
-competes with the stops, steps and walks of the same fit, which are repaired afterwards.
+The steps of two diagonals can have the same lengths, so that the laser accepts either name. Only
+with the right names do the readings of all setups agree on one machine. The evidence of an exchange
+is its gain in likelihood (`solver.adjustment.evidence`). An exchange also explains part of a large
+step, so it is compared with the stops, steps and walks of the same fit.
 """
 
 from collections.abc import Iterator
@@ -23,10 +23,9 @@ from stepdiag.solver.model.layout import Layout
 
 def exchange(usual: MixedFit, layout: Layout) -> tuple[tuple[int, int], Vector] | None:
     """Return the two setups whose exchange has `ODDS` against no exchange and against every fault
-    of a pass, and the change of all targets (rows,) that gives each the readings of the other; None
-    without such a pair.
+    of a pass, and the change of the target (rows,) by the exchange; None without such a pair.
 
-    ``usual`` is a fit with causes of usual size, in which an exchange does not hide.
+    The random effects of ``usual`` are not larger than usual, so that they do not hide an exchange.
     """
     every = list(_pairs(layout))
     if not every:
@@ -48,9 +47,8 @@ def exchange(usual: MixedFit, layout: Layout) -> tuple[tuple[int, int], Vector] 
 def _pairs(
     layout: Layout,
 ) -> Iterator[tuple[tuple[int, int], NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield each pair of diagonals with the same passes, stops and lengths of steps, and the rows
-    of both.
-    """
+    """Yield each pair of diagonals with the same passes, stops and step lengths, and the rows of
+    both."""
     rows = [
         np.flatnonzero(layout.setup_index == index) for index in range(len(layout.setups))
     ]

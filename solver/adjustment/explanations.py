@@ -1,32 +1,31 @@
-"""Errors of a whole survey, and the mixture that is its result.
+"""Theory of operation: errors of a whole survey, and the mixture that is its result.
 
-A wrong stop, step or pass shows in its own residuals (`solver.adjustment.faults`). The errors
-weighed here have no residual of their own: a setup with another scale, a machine with errors
-outside every function of an axis (`PRODUCTS`: products of the shares of two axes in a component,
-and y^2 z in Z, a ram that sags), and a machine with unusual growth. A single length compares the
-seven setups of a usual survey, so most of these errors explain the same pattern equally well.
-`solver.adjustment.evidence` gives their odds. Stops, steps and walks compete, too: a product must
-not explain their part. In V, growth and scales of all setups have at most their usual size, because
-they explain the same length.
+A wrong stop, step or pass has its own residuals (`solver.adjustment.faults`). The errors in this
+module have not: the scale of a setup, machine errors that are not a function of one axis
+(`PRODUCTS`: products of two axes in a component, and y^2 z in Z, a ram that sags), and unusual
+growth. One length compares the seven setups of a usual survey, so most of these errors explain it
+equally well. `solver.adjustment.evidence` computes their odds. Stops, steps and walks are compared
+too, so that a product does not explain their part. Growth and scales of all setups have at most
+their usual size, because they explain the same length.
 
-- A kind is in the mixture only if its odds are at least one in `ODDS` of the best odds, those of no
-  error included; the same holds for an explanation within its kind. In a good survey no explanation
-  is left open, and its result is that of the plain adjustment.
-- A cause is named if it has `ODDS` times the probability of all others together.
-- If setups and products are more probable than not and none is named, all candidates are reported
-  (`solver.methods.doubt`); with growth among them only if a compensation could leave a larger error
-  than before. The lengths decide on a refusal (`solver.adjustment.diagnostics.scale_findings`).
+- A kind is in the mixture if its odds are at least 1 / `ODDS` of the best odds, including "no
+error". The same rule applies to an explanation within its kind. A good survey has no such
+explanation. - A cause is reported by name if it has `ODDS` times the probability of all other
+explanations together. - If setups and products have more than half of the probability and no cause
+has a name, all candidates are reported (`solver.methods.doubt`). If growth is a candidate, they are
+reported only if a compensation could increase the error. An export is refused by the lengths
+(`solver.adjustment.diagnostics.scale_findings`).
 
-The mixture is the result. Each explanation is left open by a share of its expected square E[t^2 |
-k, y]: estimate, budget, posterior and predictions use the same causes. The normal distribution with
-the mixture's moments has the share p_k, its probability. If k is true, the mixture is wrong by t (1
-- p), and 2 u covers this error with (1 - p)^2 / 4p of p t^2. So every explanation of the smallest
-  set of kinds with `SURE` of all probability, no error included, has the share
+Each explanation in the mixture is a random effect with a share of its expected square E[t^2 | k,
+y], for estimate, budget, posterior and predictions. The normal distribution with the moments of the
+mixture has the share p_k, the probability. If k is true, the error of the mixture is t (1 - p); 2 u
+covers this error with the share (1 - p)^2 / 4p. The smallest set of kinds with `SURE` of all
+probability, including "no error", therefore has the shares
 
     max(p_k, (1 - p_k) / 4)
 
-Products are not functions of an axis: the posterior holds them as separate numbers, and no table
-contains them.
+Products are not functions of one axis: the posterior contains them as separate numbers, and no
+table contains them.
 """
 
 from collections.abc import Iterator
@@ -63,19 +62,18 @@ from stepdiag.solver.model.effects import BESIDE, ONE_SCALE, ONE_WALK, Effect
 from stepdiag.solver.model.layout import Layout
 
 MOST_UM, MOST_UM_M = 50.0, 200.0
-"""Largest size searched: larger products or scales do not occur."""
+"""Largest size that is searched for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Explained:
-    """Explanations of a survey beside the model: scales of single setups, products of two axes,
-    growth.
+    """Explanations outside the model: scales of single setups, products of two axes, growth.
 
-    ``named`` (c,) are setups and places in `PRODUCTS` in the order of ``kinds`` (c,), ``size`` (c,)
-    the size of each alone, in um/m or in um at the far end, ``share`` (c,) its probability, and
-    ``spread`` (c,) the size left open. ``growth``: probability of unusual growth, ``nothing``:
-    probability that all is usual. ``walk_um`` (m, k) are steps of passes that may wander, with the
-    size left open.
+    ``named`` (c,) are the setup numbers or the places in `PRODUCTS`, by ``kinds`` (c,). ``size``
+    (c,) is the size of each explanation in um/m, or in um at the far corner. ``share`` (c,) is its
+    probability. ``spread`` (c,) is its standard deviation in the mixture. ``growth`` is the
+    probability of unusual growth, ``nothing`` the probability of no error. ``walk_um`` (m, k) are
+    the steps of wandering passes in the mixture.
     """
 
     kinds: tuple[str, ...]
@@ -89,48 +87,47 @@ class Explained:
 
     @property
     def grows(self) -> bool:
-        """Return whether unusual growth is the explanation, and not a setup with another scale."""
+        """Return whether unusual growth is the cause, and not the scale of a setup."""
         return self.growth > ODDS * self.of_kind(SCALE)
 
     @property
     def unnamed(self) -> bool:
-        """Return whether setups and products are more probable than not, and none is named."""
+        """Return whether setups and products have more than half of the probability without a
+        named cause."""
         return float(np.sum(self.share)) > 0.5 and not self.names
 
     @property
     def unnamed_with_growth(self) -> bool:
-        """Return whether setups, products and growth together are more probable than not, and none
-        is named.
-        """
+        """Return whether setups, products and growth have more than half of the probability
+        without a named cause."""
         return float(np.sum(self.share)) + self.growth > 0.5 and not (
             self.names or self.grows
         )
 
     @property
     def machine_named(self) -> bool:
-        """Return whether the products together outweigh every other explanation."""
+        """Return whether all products together have `ODDS` times the probability of everything
+        else."""
         return _outweighs(self.of_kind(PRODUCT))
 
     @property
     def names(self) -> list[int]:
-        """Return the indices of the named explanations: a setup, or the products that remain
-        probable.
-        """
+        """Return the indices of the named cause: one setup, or all probable products."""
         products, scales = self.probable(PRODUCT), self.probable(SCALE)
         if self.machine_named:
             return products
         return scales[:1] if scales and _outweighs(float(self.share[scales[0]])) else []
 
     def of(self, kind: str) -> NDArray[np.int64]:
-        """Return the places of a kind."""
         return np.flatnonzero(np.array(self.kinds) == kind)
 
     def of_kind(self, kind: str) -> float:
-        """Return how probable a kind is."""
+        """Return the probability of a kind."""
         return float(np.sum(self.share[self.of(kind)]))
 
     def probable(self, kind: str) -> list[int]:
-        """Return the indices of the explanations of a kind that remain probable, the best first."""
+        """Return the indices of the explanations of a kind in the mixture, the most probable
+        first."""
         mine = self.of(kind)
         kept = mine[self.share[mine] > 0.0]
         return [
@@ -143,11 +140,10 @@ class Explained:
 
 def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Counts) -> Explained:
     """Return the mixture of the explanations of a survey; ``growth_um`` (m, k) is the effect of
-    growth, which may be larger than usual.
+    growth.
 
-    A stop, a step or a walk on ``every`` count of the readings competes for the probability. Stops
-    and steps are repaired elsewhere; a walk is left open as well, because a product could otherwise
-    explain its part.
+    The stops, steps and walks on ``every`` count share the probability. A walk is also in the
+    mixture, because a product could otherwise explain its part.
     """
     beside, single, wandering = (
         list(_families(fit, layout)),
@@ -195,17 +191,14 @@ def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Counts) -
 
 
 def most_odds_beside(fit: MixedFit, layout: Layout) -> float:
-    """Return the log-odds, against no fault, of the best scale or product, by the readings alone;
-    minus infinity without either.
-    """
+    """Return the log-odds of the best scale or product against no error, minus infinity without
+    either."""
     weighed = [one.weighed(fit, len(one.named)).log_odds for one in _families(fit, layout)]
     return float(np.max(np.concatenate([*weighed, [-np.inf]])))
 
 
 def effects_beside(layout: Layout, found: Explained) -> list[Effect]:
-    """Return the effects outside the model that remain undecided: each explanation with its spread;
-    empty if no kind is in the mixture.
-    """
+    """Return the effects outside the model, each with its standard deviation in the mixture."""
     scales, products = found.of(SCALE), found.of(PRODUCT)
     of_scales = _of_setups(layout, found.named[scales])
     opened = (
@@ -225,11 +218,10 @@ def effects_beside(layout: Layout, found: Explained) -> list[Effect]:
 
 
 def shares(odds: Vector, kinds: NDArray[np.str_]) -> Vector:
-    """Return the probability of each explanation, shape (c,), from their odds against no error
-    (logarithms); the rest is the probability of no error.
+    """Return the probability of each explanation, shape (c,), from log-odds against no error. The
+    remainder to 1 is the probability of no error.
 
-    A kind with less than one in `ODDS` of the best is not in the mixture: explanations with a
-    common pattern are kept or dropped together.
+    A kind with less than 1 / `ODDS` of the best odds has the probability 0.
     """
     best = max(float(np.max(odds)), 0.0)
     weight, none = np.exp(odds - best), float(np.exp(-best))
@@ -244,11 +236,8 @@ def shares(odds: Vector, kinds: NDArray[np.str_]) -> Vector:
 
 
 def reaching(share: Vector, kinds: NDArray[np.str_]) -> Vector:
-    """Return the share of its expected square by which each explanation is left open, shape (c,).
-
-    The share is the probability. In the smallest set of kinds that, with no error, has `SURE` of
-    all probability, it is at least the share whose 2 u covers the explanation.
-    """
+    """Return the share of its expected square with which each explanation is in the mixture,
+    shape (c,)."""
     held, inside = 1.0 - float(np.sum(share)), []
     of_kind = {str(kind): float(np.sum(share[kinds == kind])) for kind in np.unique(kinds)}
     for kind, part in sorted(of_kind.items(), key=lambda one: -one[1]):
@@ -262,9 +251,8 @@ def reaching(share: Vector, kinds: NDArray[np.str_]) -> Vector:
 
 
 def products_um(layout: Layout) -> Vector:
-    """Return the effect of 1 um of each product at the far corner on every reading, shape (m,
-    products); zero without a volume.
-    """
+    """Return the effect on every reading of each product with 1 um at the far corner, shape (m,
+    products)."""
     if not layout.volume.solid:
         return np.zeros((len(layout), len(PRODUCTS)))
     share = (layout.position_mm - layout.volume.origin_mm) / layout.volume.length_mm
@@ -276,8 +264,8 @@ def products_um(layout: Layout) -> Vector:
 
 
 def along_the_way_m(layout: Layout) -> Vector:
-    """Return how far each reading lies along its setup's direction from the low corner, in m, shape
-    (m,)."""
+    """Return the distance of each reading from the low corner along its setup's direction in m,
+    shape (m,)."""
     along: Vector = 1e-3 * np.sum(
         (layout.position_mm - layout.volume.origin_mm) * layout.direction, axis=1
     )
@@ -331,14 +319,13 @@ def _family(
 
 
 def _of_setups(layout: Layout, setups: NDArray[np.int64]) -> Vector:
-    """Return the effect of a scale of 1 um/m of each setup on every reading, shape (m, setups)."""
+    """Return the effect on every reading of a scale of 1 um/m in each setup, shape (m, setups)."""
     return np.asarray(
         along_the_way_m(layout)[:, None] * (layout.setup_index[:, None] == setups)
     )
 
 
 def _of_growth(fit: MixedFit, growth_um: Vector) -> float:
-    """Return the log-odds of growth in time beyond the usual."""
     if not growth_um.shape[1]:
         return -np.inf
     response = response_of(fit, np.arange(len(growth_um)), growth_um)

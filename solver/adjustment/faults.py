@@ -1,11 +1,11 @@
-"""Contradictions of a survey, a stop, a step or a pass: searched, and left out if the readings
-themselves show the cause.
+"""Contradictions of a survey: a wrong stop, a step of the count, a local error of the machine, or a
+wandering pass. A fault is omitted if the readings show the cause.
 
-A single pass of each diagonal checks every stop once or not at all, and two passes may share a
-check: then the residuals alone cannot separate them. The smoothness of the machine that an
-explanation leaves is part of its odds (`solver.adjustment.evidence`). If the odds do not decide,
-every explanation is left open with the size of the contradiction, all are named, and such a survey
-may not compensate a machine.
+In a survey with one pass of each diagonal, two passes may check each other, and their residuals
+cannot separate the causes. The odds (`solver.adjustment.evidence`) therefore include the smoothness
+of the machine errors under each explanation. If the odds do not decide, every explanation is a
+random effect with the size of the contradiction, the finding contains all of them, and an export is
+refused.
 """
 
 from collections.abc import Iterator, Sequence
@@ -40,28 +40,25 @@ from stepdiag.solver.model.noise import CHECKED
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
 
 EFFECTS = {STEP: "found step", PLACE: "place of the machine", WALK: "wandering pass"}
-"""Effects of the adjustment by which a fault is left open."""
+"""Effects of the adjustment for each kind of fault."""
 TRIAL = "suspicion"
-"""Effect of a fault that is being weighed."""
 LEAST_UM = 0.5
-"""Least size of a wrong stop or step in um, however small the noise, and least difference between
-two machines over the volume (rms) that matters: about the repeatability of a machine.
-"""
+"""Smallest wrong stop or step in um, and smallest difference between two machines over the
+volume (rms): about the repeatability of a machine."""
 MOST_WEIGHED = 200
-"""So many stops and steps, the best by their residues, are weighed by the machine's smoothness: a
-step among thousands of readings makes most of its neighbours probable."""
+"""Largest number of stops and steps for which the smoothness of the machine is computed."""
 FREE_UM = 1e3
-"""Of a size of which nothing is known beforehand."""
+"""Standard deviation of an effect of completely unknown size."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fault:
-    """A stop, a step, a place of the machine or a walk: its ``pattern`` (k, r) on ``rows`` (k,),
-    its size, and the reading by which it is named.
+    """A stop, a step, a local error of the machine or a walk: its ``pattern`` (k, r) on the
+    readings ``rows`` (k,), its size, and the reading ``named`` of its place.
 
-    ``odds``: logarithm of its odds against no fault, including ``prior``, the part before any
-    reading, and ``smoother``, the part of the machine's smoothness. ``without`` (count,): the
-    unknowns if the fault is true.
+    ``odds`` is the logarithm of its odds against no fault; ``prior`` and ``smoother`` are the parts
+    by the prior and by the smoothness of the machine. ``without`` (count,) are the unknowns if the
+    fault is true.
     """
 
     kind: str
@@ -83,11 +80,11 @@ class Fault:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspicion:
-    """A contradiction: the probable faults, the best first, a single fault if it has `ODDS` times
-    the odds of the next.
+    """A contradiction: its probable faults, the most probable first. The only fault has `ODDS`
+    times the odds of all others.
 
-    ``apart_um``: largest difference over the volume between their machines (rms, the furthest from
-    the best).
+    ``apart_um`` is the largest difference between the machines of these faults over the volume
+    (rms).
     """
 
     faults: Sequence[Fault]
@@ -95,21 +92,18 @@ class Suspicion:
 
     @property
     def best(self) -> Fault:
-        """Return the most probable fault."""
         return self.faults[0]
 
     @property
     def decided(self) -> bool:
-        """Return whether the readings decide on the cause."""
         return len(self.faults) == 1
 
 
 def most_suspicious(fit: MixedFit, columns: Columns, every: Counts) -> Suspicion | None:
-    """Return the worst contradiction among the readings; None unless an explanation is `ODDS` times
-    as likely as chance.
-    """
-    # the misses of the machine take most of the redundancy: in a small survey no single reading is
-    # checked, but all together are
+    """Return the worst contradiction of the readings, or None if no explanation has `ODDS`
+    against no fault."""
+    # in a small survey the misses of the moves explain a single reading; only all readings
+    # together are checked
     if not np.any((fit.redundancy > CHECKED) & (fit.weight > 0)):
         return None
     found = sorted(
@@ -119,7 +113,7 @@ def most_suspicious(fit: MixedFit, columns: Columns, every: Counts) -> Suspicion
     if not found or found[0].odds <= np.log(ODDS):
         return None
     kept = [one for one in found if one.odds > found[0].odds - np.log(ODDS)]
-    # a wandering pass explains its own single stops and steps, too: all are one explanation
+    # a wandering pass also explains its own stops and steps
     if kept[0].kind == WALK:
         kept = [
             kept[0],
@@ -129,9 +123,8 @@ def most_suspicious(fit: MixedFit, columns: Columns, every: Counts) -> Suspicion
 
 
 def families(fit: MixedFit, every: Counts) -> Iterator[Family]:
-    """Return the wrong stops and the steps on ``every`` count of the used readings, and those of
-    the machine: the same in each drive of a way.
-    """
+    """Yield the wrong stops and steps of ``every`` count, and the local errors of the machine,
+    which are equal in each repetition of a pass."""
     for count in every.single:
         yield from _on_count(fit, count)
     for way in every.ways:
@@ -151,7 +144,7 @@ def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
         seen=visible(count.stop - np.sum(mixed**2, axis=1), weight),
         pattern=lambda places: (np.arange(number)[:, None] == places).astype(np.float64),
     )
-    # a step before the second reading or the last is a wrong first or last one
+    # a step before the second or the last reading is the same as a wrong first or last reading
     inner = slice(2, -1)
     yield Family(
         kind=STEP,
@@ -166,10 +159,10 @@ def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
 
 
 def _on_way(fit: MixedFit, way: Way) -> Family:
-    """Return the machine's stops and steps on a way that was driven more than once.
+    """Return the local errors and steps of the machine on a repeated travel.
 
-    Two drives that contradict all others alike do not contradict each other: no fault of a reading
-    or of a count repeats at its place.
+    If all repetitions contradict the other setups equally, the cause is the machine: errors of a
+    reading or a count do not repeat at one place.
     """
     mixed = way.pattern.T @ fit.taken_over[way.rows]
     return Family(
@@ -183,9 +176,8 @@ def _on_way(fit: MixedFit, way: Way) -> Family:
 
 
 def most_odds(fit: MixedFit, every: Counts) -> float:
-    """Return the log-odds, against no fault, of the best stop, step or walk on ``every`` count of
-    the readings, by the readings alone; minus infinity without counts.
-    """
+    """Return the log-odds of the best stop, step or walk against no fault, minus infinity
+    without counts."""
     single = list(families(fit, every))
     weighed = [
         family.weighed(fit, number_of(single, family.kind)).log_odds for family in single
@@ -195,14 +187,12 @@ def most_odds(fit: MixedFit, every: Counts) -> float:
 
 
 def number_of(every: Sequence[Family], kind: str) -> int:
-    """Return the number of explanations of a kind."""
     return sum(len(one.named) for one in every if one.kind == kind)
 
 
 def _singles(fit: MixedFit, columns: Columns, every: Counts) -> list[Fault]:
-    """Return the stops and steps with any evidence, at most `MOST_WEIGHED`, with the evidence of
-    the machine's smoothness.
-    """
+    """Return at most `MOST_WEIGHED` stops and steps with the highest odds, including the
+    smoothness of the machine."""
     all_of, ranked = list(families(fit, every)), []
     prior = {kind: log_prior(kind, number_of(all_of, kind)) for kind in (STOP, STEP, PLACE)}
     for family in all_of:
@@ -211,7 +201,7 @@ def _singles(fit: MixedFit, columns: Columns, every: Counts) -> list[Fault]:
         ranked += [
             (float(odds[place]), family, place, float(size[place])) for place in places
         ]
-    # equally good explanations stand in the order of the readings, not in that of rounding
+    # equal odds are sorted by reading: their order must not depend on rounding
     ranked.sort(key=lambda one: -round(one[0], DECIMALS))
     del ranked[MOST_WEIGHED:]
     if not ranked:
@@ -246,9 +236,8 @@ def _singles(fit: MixedFit, columns: Columns, every: Counts) -> list[Fault]:
 
 
 def walks(fit: MixedFit, every: Counts) -> list[Fault]:
-    """Return for each count the fault that its pass wanders: all its steps at once, as a random
-    walk in addition to the usual effects of every pass.
-    """
+    """Return for each count the fault of a wandering pass: a random walk in addition to the
+    usual effects."""
     found, prior = [], log_prior(WALK, len(every.single))
     for count in every.single:
         mixed = fit.root @ (fit.causes.left[count.rows].T @ count.walk)
@@ -292,9 +281,8 @@ def with_apart(
 
 
 def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
-    """Return the weights without the single wrong stop, or with every possible stop as uncertain as
-    the contradiction is large.
-    """
+    """Return the weights with a weight of 0 for a decided wrong stop; each undecided stop has
+    the size of the contradiction as its uncertainty."""
     lowered = weight.copy()
     for one in suspicion.faults:
         if one.kind == STOP:
@@ -305,9 +293,8 @@ def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
 
 
 def effects_for(layout: Layout, suspicion: Suspicion, text: Words) -> list[Effect]:
-    """Return the effects that the adjustment leaves open from now on: a decided step or place of
-    the machine completely, a possible one and a walk by its size.
-    """
+    """Return the random effects of a suspicion. The size of a decided step or local error is
+    free; other faults have the size of the contradiction."""
     free = suspicion.decided and suspicion.best.kind in (STEP, PLACE)
     return [
         Effect(
@@ -321,7 +308,6 @@ def effects_for(layout: Layout, suspicion: Suspicion, text: Words) -> list[Effec
 
 
 def trial_of(layout: Layout, suspicion: Suspicion) -> Effect:
-    """Return the best explanation as an effect of its size."""
     return Effect(
         name=TRIAL, text="", pattern_um=suspicion.best.size * suspicion.best.on(len(layout))
     )

@@ -1,4 +1,4 @@
-"""The findings on the errors of a survey: a single cause by name, or all probable causes."""
+"""The findings on the errors of a survey: one cause, or all probable causes."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ from stepdiag.solver.model.layout import Layout
 
 
 def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
-    """Return the finding that names the passes and stops of a suspicion."""
+    """Return the finding with the passes and stops of a suspicion."""
     every = suspicion.faults
     kinds, among = {one.kind for one in every}, _passes_of(layout, every)
     if kinds == {WALK}:
@@ -28,7 +28,7 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
         return finding(
             "error", message("contradiction-ambiguous", suspects=suspects), among=among
         )
-    # machines that differ by less may be left open: whatever is true, the result hardly moves
+    # a smaller difference between the machines hardly changes the result, so the survey is usable
     if suspicion.apart_um > LEAST_UM:
         return finding(
             "error",
@@ -43,12 +43,11 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
 
 
 def name_excess(count: int) -> Finding:
-    """Return the finding for more contradictions than single wrong stops explain."""
     return error("too-many-outliers", count=count)
 
 
 def name_explained(layout: Layout, found: Explained) -> list[Finding]:
-    """Return the finding on an explanation outside the model that is named."""
+    """Return the finding on the named cause outside the model."""
     products = [
         suspect(layout, found, at) for at in found.names if found.kinds[at] == PRODUCT
     ]
@@ -61,7 +60,7 @@ def name_explained(layout: Layout, found: Explained) -> list[Finding]:
 
 
 def suspect(layout: Layout, found: Explained, at: int) -> Message:
-    """Return the words for one of several explanations outside the model."""
+    """Return the words for one explanation outside the model."""
     size = float(found.size[at])
     if found.kinds[at] == PRODUCT:
         return message(
@@ -105,9 +104,8 @@ def _suspect(layout: Layout, one: Fault) -> Message:
 
 
 def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
-    """Return the finding on a pass that wanders: another drive of the same setup outweighs it, or
-    else the survey is unusable.
-    """
+    """Return the finding on a wandering pass: a warning if the setup was driven again, else an
+    error."""
     among = _passes_of(layout, walks)
     if len(walks) > 1:
         return finding(
@@ -125,9 +123,8 @@ def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
 
 
 def _passes_of(layout: Layout, every: Sequence[Fault]) -> tuple[str, ...]:
-    """Return the passes concerned by faults: for a walk all passes on its count, for a place of the
-    machine all drives of the setup.
-    """
+    """Return the passes of some faults: for a walk all passes on its count, for a local error
+    all passes of the setup."""
     rows = np.concatenate(
         [one.rows if one.kind in (WALK, PLACE) else [one.named] for one in every]
     )
@@ -136,9 +133,6 @@ def _passes_of(layout: Layout, every: Sequence[Fault]) -> tuple[str, ...]:
 
 
 def _of_walk(layout: Layout, walk: Fault) -> dict[str, Argument]:
-    """Return the arguments of the messages about a pass that wanders: its readings drift in a
-    random walk.
-    """
     first, last = (int(layout.stop[walk.rows[place]]) for place in (0, -1))
     passes = [
         layout.passes[int(number)].words

@@ -1,37 +1,32 @@
-"""Scatter of a machine and its laser: estimated before the search for contradictions.
+"""The scatter of the machine and the laser, estimated before the search for contradictions.
 
-Theory of operation. A reading differs from the model by two kinds of chance:
+Theory of operation. A reading differs from the model by two random errors:
 
-    miss    the distance along an axis by which a move of this axis ends beside its target. The axis
-            stands there until its next move, so all stops until then share the miss. Its standard
-            deviation is the repeatability of the axis.
-    noise   the scatter of each stop alone: the laser's, which each stop states, and in addition the
-            vibration and turbulence of the setup.
+    miss    the positioning deviation of a move along its axis. It is common to all stops until the
+            next move of this axis. Its standard deviation is the repeatability of the axis.
+    noise   the scatter of a single stop: the stated noise of the laser, and in addition vibration
+            and turbulence in the setup.
 
-In a pass without overrun the axes reach the first stop from either side: the misses at its first
-stop have a separate size, which includes the backlash. Misses are unknowns of the adjustment, held
-near zero by a prior with the repeatability (`solver.model.priors`); noise is the inverse root of a
-reading's weight. Repeats, the comparison of the way out with the way back, and the pattern of three
-stops of a miss in a step diagonal separate the two. The sizes are the most likely together, by the
-restricted likelihood of the readings and a prior. The prior is normal in the logarithm: the axes of
-a machine have similar repeatability, setups of a survey are similar, and both are within a broad
-range of the assumed size. Where the readings show nothing, the assumed size stays.
+At the first stop of a pass without overrun, the misses include the backlash; they have a separate
+standard deviation. Misses are unknowns with a prior (`solver.model.priors`). Noise is the inverse
+root of a reading's weight. Repetitions, out-and-back pairs, and the three stops of each miss in a
+step diagonal separate misses from noise. All standard deviations together maximise the restricted
+likelihood times a prior. The prior is normal in the logarithm: the axes of a machine are similar,
+the setups of a survey are similar, and both are near the assumed value. The assumed value is the
+result if the readings contain no information.
 
-The likelihood is climbed in rounds. With the sizes of a round, each kind of rows has the sum n of
-its redundancies and the weighted square sum S of its residuals. For a variance larger by a factor r
-the logarithm of the likelihood is about (Foerstner 1979; exact in the end, when r is one)
+The maximum is computed in rounds. With the present values, each kind of rows has n, the sum of its
+redundancies, and S, the weighted square sum of its residuals. For a variance larger by the factor
+r, the log-likelihood is about (Foerstner 1979; exact at the maximum, where r = 1)
 
     -1/2 (n log r + S / r),    r = 1 - w + w s^2 / s0^2
 
-where s replaces s0, and w is the share of s0^2 in the variance: the stated part of a noise does not
-change. Its largest value with the prior is the next round. A larger size also makes n larger: for r
-above one, n r stands for n log r, which bounds it from below, so that a size that the readings do
-not show does not leap to the assumed size and back. Sizes that the readings tell apart badly come
-nearer by about the same share in each round: each step is extended by the steps that would follow
-it.
+s replaces s0, and w is the share of s0^2 in the variance, because the stated part of the noise is
+constant. Its maximum with the prior is the value for the next round. For r > 1, n log r is replaced
+by n r, which is an upper bound and prevents oscillation. Standard deviations that are hardly
+separated converge slowly, so each step is extrapolated.
 
-Before the search for wrong stops, S is n times a robust mean of the squares, which single stops
-hardly change.
+Before the search for wrong stops, S is n times a robust mean of the squares.
 """
 
 from collections.abc import Sequence
@@ -48,54 +43,42 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import LEAST_FREEDOM, LEAST_U_UM
 
 FIRST = 3
-"""Kind of the misses at first stops; 0, 1, 2 are the axes."""
+"""Kind of the misses at first stops; kinds 0, 1, 2 are the axes."""
 FIRST_UM = 1.0
-"""Assumed miss at a first stop: half the backlash of an ordinary machine without overrun, its
-repeatability with an overrun.
-"""
+"""Assumed miss at a first stop: half the backlash of an ordinary machine without overrun, or its
+repeatability with overrun."""
 BROAD = 1.0
-"""Standard deviation of the logarithm of a size: 0.5 um means 0.07 to 3.5 um (95 %), from a
-grinding machine to a worn one."""
+"""Prior standard deviation of the logarithm of a common size: 0.5 um means 0.07 to 3.5 um (95
+%), from a grinding machine to a worn machine."""
 AXES_ALIKE = 0.3
-"""Standard deviation of the logarithm for an axis relative to the others of its machine: by a third
-up or down.
-"""
+"""Prior standard deviation of the logarithm of an axis' repeatability relative to the other
+axes."""
 SETUPS_ALIKE = 0.5
-"""Standard deviation of the logarithm for the noise of a setup relative to the others: beams differ
-in length and in their air.
-"""
+"""Prior standard deviation of the logarithm of a setup's noise relative to the other setups."""
 BESIDE_STATED_UM = 0.05
-"""Assumed noise in addition to the statement of the stops: the mean over a dwell averages vibration
-out.
-"""
+"""Assumed noise in addition to the stated noise; the mean over a dwell removes vibration."""
 SETTLED = 0.05
-"""Sizes that change by less than this share have converged."""
+"""The rounds end when all sizes change by less than this share."""
 ROUNDS = 8
 _STEPS, _LONGEST, _EXACT = 40, 1.0, 1e-6
-"""Newton's iteration on the logarithms: number of steps, the longest, and the size of the last."""
+"""Newton's iteration on the logarithms: largest number of steps, longest step, and length of the
+last step."""
 _USUAL_RATE, _RATES = 0.3, (-1.0, 0.5)
-"""Usual ratio of two successive steps, and the range of the ratio that extends a step: outside of
-it the ratio comes from the other sizes.
-"""
+"""Usual ratio of two successive steps, and the permitted range of the ratio."""
 LEAST_SHOWN = 1.0
-"""Degrees of freedom of a size below which the readings do not show that it is larger than before:
-a single contradiction would appear as scatter.
-"""
+"""Smallest number of degrees of freedom at which a size may increase: below it a single
+contradiction would appear as scatter."""
 _LEAST_REDUNDANCY = 1e-6
-"""Redundancy below which only rounding is left of a residual."""
 _MOST, _OF_NORMAL = 1.5, 0.778465
-"""Largest residual that a robust mean counts, in standard deviations, and the mean square of a
-normal variable that is cut off there.
-"""
+"""Largest residual in a robust mean, in standard deviations, and the mean square of a normal
+variable that is clipped at this value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scatter:
-    """``misses_um`` (4,): standard deviation of the miss of a move of each axis, and of each axis
-    at the first stop of a pass (`FIRST`); ``noise_um`` (setups,): noise of a reading of each setup
-    in addition to its statement, or all its noise without a statement. ``freedom_misses`` and
-    ``freedom_noise``: their degrees of freedom.
-    """
+    """``misses_um`` (4,) is the standard deviation of a miss of each axis, and at the first stop
+    of a pass (`FIRST`). ``noise_um`` (setups,) is the noise of a reading in addition to its
+    stated noise. ``freedom_misses`` and ``freedom_noise`` are their degrees of freedom."""
 
     misses_um: Vector
     noise_um: Vector
@@ -104,9 +87,8 @@ class Scatter:
 
     @property
     def repeatability_um(self) -> float:
-        """Return the repeatability of an approach, root mean square over the axes with a measured
-        repeatability, over all where none has one.
-        """
+        """Return the repeatability, root mean square over the axes with degrees of freedom, or
+        over all axes if none has any."""
         shown = self.freedom_misses[:FIRST] > 0
         return float(
             np.sqrt(
@@ -116,7 +98,6 @@ class Scatter:
 
     @classmethod
     def assumed(cls, layout: Layout, assumed: Assumptions) -> Self:
-        """Return the assumed scatter of a survey."""
         return cls(
             misses_um=np.append(
                 np.full(3, max(assumed.repeatability_um, LEAST_U_UM)), FIRST_UM
@@ -127,7 +108,6 @@ class Scatter:
         )
 
     def u_um(self, layout: Layout) -> Vector:
-        """Return the standard uncertainty of every reading by noise, shape (m,)."""
         u: Vector = np.maximum(
             np.hypot(_stated_um(layout), self.noise_um[layout.setup_index]), LEAST_U_UM
         )
@@ -140,14 +120,10 @@ class Scatter:
         return found
 
     def with_log(self, log_um: Vector) -> Self:
-        """Return the scatter with other sizes; ``log_um`` as in the property of this name."""
         size_um = np.maximum(np.exp(log_um), LEAST_U_UM)
         return replace(self, misses_um=size_um[: FIRST + 1], noise_um=size_um[FIRST + 1 :])
 
     def near(self, other: "Scatter", layout: Layout) -> bool:
-        """Return whether the scatter of readings and misses agrees with another within
-        `SETTLED`.
-        """
         own, others = (one.u_um(layout) for one in (self, other))
         misses = np.hypot(self.misses_um, np.mean(own)) / np.hypot(
             other.misses_um, np.mean(others)
@@ -157,9 +133,8 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Misses:
-    """The rows that hold misses near zero: their places ``rows`` (k,) and the ``kind`` (k,) of
-    each, its axis or `FIRST`.
-    """
+    """The prior rows of the misses: ``rows`` (k,), and their ``kind`` (k,), which is the axis or
+    `FIRST`."""
 
     rows: NDArray[np.int64]
     kind: NDArray[np.int64]
@@ -174,9 +149,8 @@ def estimated(
     *,
     robust: bool,
 ) -> Scatter:
-    """Return the most likely sizes by a fit made with the sizes ``before``; ``robust`` if stops may
-    be wrong.
-    """
+    """Return the scatter for the next round, from a fit with the scatter ``before``. With
+    ``robust``, wrong stops hardly influence it."""
     share = np.minimum((before.noise_um[layout.setup_index] / before.u_um(layout)) ** 2, 1.0)
     by_setup = [
         np.flatnonzero(layout.setup_index == setup) for setup in range(len(layout.setups))
@@ -204,9 +178,7 @@ def estimated(
 
 
 def further(step: Vector, last: Vector) -> Vector:
-    """Return a step (k,) of the logarithms extended by the steps that would follow it: each is the
-    same share of the one before it (Aitken's delta-squared process), `_USUAL_RATE` of the first.
-    """
+    """Return a step (k,) extrapolated by Aitken's delta-squared process from the ``last`` step."""
     rate = np.where(
         last == 0.0,
         _USUAL_RATE,
@@ -217,7 +189,7 @@ def further(step: Vector, last: Vector) -> Vector:
 
 
 def _shown(fit: AnyFit, rows: NDArray[np.int64], *, robust: bool) -> tuple[float, float]:
-    """Return the degrees of freedom n of some rows, and S, as evidence of their scatter."""
+    """Return n and S of some rows."""
     redundancy = fit.redundancy[rows]
     used = (redundancy > _LEAST_REDUNDANCY) & (fit.weight[rows] > 0)
     checked, redundancy = rows[used], redundancy[used]
@@ -229,9 +201,8 @@ def _shown(fit: AnyFit, rows: NDArray[np.int64], *, robust: bool) -> tuple[float
 
 
 def _robust_mean(square: Vector) -> float:
-    """Return the mean of squares (k,) of normal variables, not all of them zero, of which those
-    beyond `_MOST` standard deviations count as much as one there (Huber's proposal 2).
-    """
+    """Return the mean of squares (k,) of normal variables, clipped at `_MOST` standard
+    deviations (Huber's proposal 2)."""
     mean = float(np.mean(square))
     for _ in range(_STEPS):
         before = mean
@@ -244,15 +215,14 @@ def _robust_mean(square: Vector) -> float:
 def _most_likely(
     before: Vector, usual: Vector, share: Vector, freedom: Vector, squares: Vector
 ) -> Vector:
-    """Return the logarithms of all sizes that are most likely together, shape (4 + setups,), by n
-    and S of each at the logarithms ``before``; ``share`` is w.
-    """
+    """Return the most likely logarithms of all sizes, shape (4 + setups,), by their n
+    (``freedom``), S (``squares``) and w (``share``) at the logarithms ``before``."""
     prior, log = _prior_information(len(before) - FIRST - 1), before
     for _ in range(_STEPS):
         size = share * np.exp(2.0 * (log - before))
         ratio = 1.0 - share + size
         now, left = size / ratio, squares / ratio
-        # for a larger size, n r stands for n log r
+        # n r replaces n log r for r > 1
         number = freedom * np.maximum(ratio, 1.0)
         of_number = np.where(ratio > 1.0, number, (1.0 - now) * freedom)
         curved = 2.0 * now * (now * left + np.maximum(of_number - (1.0 - now) * left, 0.0))
@@ -267,9 +237,8 @@ def _most_likely(
 
 
 def _prior_information(setups: int) -> Vector:
-    """Return the inverse covariance of the logarithms of all sizes before any reading, shape (4 +
-    setups, 4 + setups): sizes of a class share a deviation from the assumed size.
-    """
+    """Return the inverse prior covariance of the logarithms of all sizes, shape (4 + setups, 4 +
+    setups)."""
     edges = np.cumsum([0, FIRST, 1, setups])
     prior = np.zeros((edges[-1], edges[-1]))
     for first, last, alike in zip(
@@ -283,7 +252,7 @@ def _prior_information(setups: int) -> Vector:
 
 
 def unshown(found: Scatter, layout: Layout) -> Sequence[str]:
-    """Return the setups whose readings state no noise and show none."""
+    """Return the setups without a stated or an estimated noise."""
     shown = found.freedom_noise + np.sum(found.freedom_misses[:FIRST]) >= LEAST_FREEDOM
     return [
         setup.name
@@ -293,11 +262,10 @@ def unshown(found: Scatter, layout: Layout) -> Sequence[str]:
 
 
 def separated(layout: Layout) -> NDArray[np.bool_]:
-    """Return for every setup whether its readings separate noise from misses, shape (setups,): most
-    of its readings share the last move of an axis, and so its miss, with another reading.
+    """Return for every setup whether its readings separate noise from misses, shape (setups,).
 
-    In a run along an axis each reading follows its own move, so noise and poor repeatability have
-    the same pattern there.
+    They do if most readings share the last move of an axis with another reading. In a linear run
+    each reading has its own move, so noise and misses have the same pattern.
     """
     moved = np.where(layout.direction != 0.0, layout.arrival, -1)
     many = np.bincount(moved[moved >= 0], minlength=1)
@@ -311,14 +279,10 @@ def separated(layout: Layout) -> NDArray[np.bool_]:
 
 
 def _stated_um(layout: Layout) -> Vector:
-    """Return the uncertainty stated by every reading, 0 without a statement, shape (m,)."""
     return np.where(np.isfinite(layout.u_um), layout.u_um, 0.0)
 
 
 def _unstated(layout: Layout) -> NDArray[np.bool_]:
-    """Return for every setup whether any of its readings has no stated uncertainty, shape
-    (setups,).
-    """
     return np.array(
         [
             not np.all(np.isfinite(layout.u_um[layout.setup_index == index]))

@@ -1,8 +1,7 @@
-"""Wrong sign of a given angular function, tested before any test of the readings.
+"""Known angular functions with a wrong sign.
 
-A function with the other sign is a linear change of the expected readings, so its size is estimated
-before the test: 1 for a wrong sign, 0 for a right sign. A fault of readings has some other size,
-and is searched afterwards, with the right signs.
+A reversed sign is a linear change of the expected readings. Its size is estimated: 1 for a wrong
+sign, 0 for a right sign. This test is done before the search for wrong readings.
 """
 
 from collections.abc import Mapping
@@ -15,23 +14,21 @@ from stepdiag.solver.linear.components import likelier
 from stepdiag.solver.linear.mixed import MixedFit
 
 BETTER = 2.0 * (float(np.log(ODDS)) - log_prior(TURNED, 1))
-"""Twice the gain in log-likelihood by the other sign that gives it `ODDS`."""
+"""Twice the gain in log-likelihood at which a reversed sign has `ODDS`."""
 LEAST, MOST = 0.6, 1.6
-"""Range of sizes that count as the other sign, although other errors may be present."""
+"""Range of sizes that is accepted as a wrong sign."""
 
 
 def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
-    """Return the functions whose other sign makes the readings significantly likelier; their sizes
-    are estimated together.
+    """Return the functions whose reversed sign makes the readings significantly more likely.
 
-    ``turned`` holds for each function the change of the fit's target by its other sign, shape
-    (rows,); the sizes of all causes stay.
+    ``turned`` contains the change of the fit's target by each reversed sign, shape (rows,).
     """
     names = [name for name in turned if _square(current, turned[name]) > BETTER]
     target = current.fixed.target
     while names:
         changes = [turned[name] for name in names]
-        # a quadratic form of two changes from the squares of their sum and difference
+        # the product of two changes, from the squares of their sum and difference
         form = (
             np.array(
                 [
@@ -71,9 +68,8 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
 
 
 def unseen_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
-    """Return the functions whose other sign changes no reading visibly, ``turned`` as in
-    `wrong_signs`.
-    """
+    """Return the functions whose reversed sign has no visible effect on the readings; ``turned``
+    as in `wrong_signs`."""
     return [name for name, change in turned.items() if _square(current, change) <= BETTER]
 
 

@@ -1,9 +1,7 @@
-"""Largest slip of the laser's count that may remain unnoticed, by the places of the stops and the
-mutual checks of the readings.
+"""The largest slip of the laser's count that a survey does not detect.
 
-The smallest visible step of a count over the residue of the fit and the usual causes (Baarda 1968,
-minimal detectable bias). The size needs no reading: a plan states it before the survey, and a
-result afterwards, from the same formula.
+It is the minimal detectable bias (Baarda 1968) of a step of the count, including the usual random
+effects. The formula needs no readings, so a plan can use it before the survey.
 """
 
 from collections.abc import Collection, Iterator
@@ -24,25 +22,22 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
 
 NEARLY_ALWAYS = 1.6
-"""Factor from the size of a step that is named in half of the surveys to a size that is nearly
-always named: 6.65 for 5 standard uncertainties by the normal distribution (95 %), and more where
-effects larger than usual explain part of a step.
-"""
+"""Ratio of a step that is nearly always detected to a step that is detected in half of the
+surveys: 6.65 / 5 standard uncertainties for a normal distribution (95 %), and more because large
+random effects explain part of a step."""
 MOST_STANDING = 10.0
-"""Standard uncertainties: of surveys with three to ten degrees of freedom nearly all slips of 1.6
-times that size were named or refused."""
+"""Largest number of standard uncertainties of a detected step. In surveys with three to ten
+degrees of freedom, nearly all slips of 1.6 times that size were detected."""
 TELLS_MORE = 1.3
-"""Factor between the volume's error by a slip and that by the noise of the readings, beyond which
-the slip is reported with its pass.
-"""
+"""A slip is reported with its pass if it increases the error over the volume by more than this
+factor relative to the noise."""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
 """Names in the result, and their kinds of setups."""
 
 
 def _u_um(fit: MixedFit, count: Count) -> Vector:
-    """Return the standard uncertainty of a step before each reading but the first, infinite if
-    nothing shows it.
-    """
+    """Return the standard uncertainty of a step before each reading except the first, infinite
+    if it is not visible."""
     mixed = from_each_on(fit.taken_over[count.rows])
     seen = (count.step - np.sum(mixed**2, axis=1))[1:]
     visible = seen > HIDDEN * from_each_on(fit.weight[count.rows])[1:]
@@ -51,9 +46,8 @@ def _u_um(fit: MixedFit, count: Count) -> Vector:
 
 
 def stands_out(fit: MixedFit, layout: Layout) -> float:
-    """Return the number of standard uncertainties beyond which a step is not chance
-    (`solver.adjustment.evidence`), at most `MOST_STANDING`.
-    """
+    """Return the number of standard uncertainties above which a step is not chance
+    (`solver.adjustment.evidence`), at most `MOST_STANDING`."""
     return standing_out(
         max(fit.freedom, 1),
         log_prior(STEP, int(np.count_nonzero(fit.weight[: len(layout)]))),
@@ -64,13 +58,13 @@ def stands_out(fit: MixedFit, layout: Layout) -> float:
 def slips_report(
     fit: MixedFit, layout: Layout, design: Design, wanted: Collection[str] = tuple(KINDS)
 ) -> UnseenSlips | None:
-    """Return for the ``wanted`` of diagonals and runs along an axis the most harmful unnoticed slip
-    (um; None: of any size); None without either.
+    """Return the most harmful undetected slip of the diagonals and of the linear runs in um; None
+    in place of a slip means any size.
 
-    ``volume_um`` is the effect of a slip of ``half_um`` there on the errors over the volume (rms),
-    as far as identified, ``readings_um`` the effect of the readings' noise (k = 1). ``passes`` are
-    the passes in which a slip that is named in half of the surveys has more than `TELLS_MORE` times
-    the effect of both together: no stated uncertainty includes it.
+    ``volume_um`` is the effect of a slip of ``half_um`` on the identified errors over the volume
+    (rms); ``readings_um`` is the effect of the noise (k = 1). ``passes`` are the passes in which
+    such a slip and the noise together have more than `TELLS_MORE` times the effect of the noise.
+    The stated uncertainty does not include a slip.
     """
     field, report, out = (
         _Field.of(fit, layout, design),
@@ -80,7 +74,7 @@ def slips_report(
     noise_um = field.noise_um()
     for name in wanted:
         kinds = KINDS[name]
-        # in a count that is too short for a search, no slip is seen, whatever its size
+        # in a count that is too short for a search, a slip of any size is undetected
         every = [
             _Worst(row=int(rows[1]), u_um=np.inf, made_um=np.inf)
             for rows in short_counts(fit.fixed, layout, kinds)
@@ -104,8 +98,7 @@ def slips_report(
 
 class _Worst(NamedTuple):
     """The most harmful step in a pass: the reading after it, its uncertainty, its effect on the
-    volume.
-    """
+    volume."""
 
     row: int
     u_um: float
@@ -113,11 +106,11 @@ class _Worst(NamedTuple):
 
 
 def _worst_in(field: "_Field", layout: Layout, count: Count, out: float) -> Iterator[_Worst]:
-    """Yield for every pass of a count the step with the largest effect on the volume among those
-    named in half of the surveys.
+    """Yield for every pass of a count the step that is detected in half of the surveys and has the
+    largest effect on the volume.
 
-    It is not the least visible step: on a single count a step at the turn is hidden by the
-    backlash, and has no effect on the ways, whatever its size.
+    This is not always the least visible step: backlash hides a step at the reversal, but such a
+    step has no effect on the volume.
     """
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     visible = np.isfinite(u_um)
@@ -157,11 +150,11 @@ def _slip(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Field:
-    """The identified errors over the volume, as a few numbers with the same sum of squares.
+    """The identified errors over the volume, as a few numbers with the same square sum.
 
-    ``by_unknowns`` (k, count) and ``by_readings`` (m, k) are the effects of a unit of each unknown,
-    and of 1 um in each reading, on them in um; ``values`` is the number of components of the errors
-    at all points.
+    ``by_unknowns`` (k, count) and ``by_readings`` (m, k) are the effects on these numbers of one
+    unit of each unknown and of 1 um in each reading, in um. ``values`` is the number of error
+    components at all points.
     """
 
     fit: MixedFit
@@ -171,12 +164,11 @@ class _Field:
 
     @classmethod
     def of(cls, fit: MixedFit, layout: Layout, design: Design) -> Self:
-        """Return these numbers for a fit at a lattice of nodes."""
         every = quantities(design.columns, layout.volume)
         wanted = every.select(np.flatnonzero(fit.inverse.sees(every.combination)))
         field = lattice_field_um(wanted, layout.volume, design.chain)
         flat = field.reshape(3 * len(field), field.shape[2])
-        # values between the nodes do not move the points of the lattice
+        # values between the nodes have no effect at the points of the lattice
         moving = np.flatnonzero(np.any(flat, axis=0))
         by_unknowns = (
             np.linalg.qr(flat[:, moving], mode="r")
@@ -194,18 +186,15 @@ class _Field:
         )
 
     def noise_um(self) -> float:
-        """Return the effect of the readings' noise on them, root mean square of the vectors (k =
-        1).
-        """
+        """Return the effect of the noise on the errors over the volume (rms, k = 1)."""
         known = self.fit.inverse.solve(self.by_unknowns.T)
         return float(
             np.sqrt(max(3.0 * float(np.sum(self.by_unknowns.T * known)) / self.values, 0.0))
         )
 
     def moved_um(self, count: Count) -> Vector:
-        """Return the effect of a step of 1 um before each reading but the first on them, root mean
-        square of the vectors.
-        """
+        """Return the effect on the errors over the volume (rms) of a step of 1 um before each
+        reading except the first."""
         return self._rms_um(from_each_on(self.by_readings[count.rows])[1:])
 
     def _rms_um(self, off_um: Vector) -> Vector:

@@ -1,6 +1,5 @@
-"""Roughness of the machine left by an explanation: a guideway bends and does not jump from target
-to target.
-"""
+"""The roughness of the machine's errors under an explanation: a guideway bends smoothly and does
+not jump between targets."""
 
 import numpy as np
 
@@ -12,15 +11,13 @@ from stepdiag.solver.model.noise import LEAST_U_UM
 
 
 def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vector:
-    """Return twice the negative log-likelihood of the nine displacement functions as smooth ones,
-    shape (k,) for ``unknowns`` (count, k).
+    """Return twice the negative log-likelihood of the nine displacement functions, shape (k,) for
+    ``unknowns`` (count, k).
 
-    ``variance_um2`` (count,) is the variance of each unknown by noise: values with scatter are no
-    rougher than their noise.
-
-    Their half waves over the travel are normal with a power that does not rise with their number,
-    estimated from the functions themselves (isotonic maximum likelihood): a jump at a target adds
-    as much to the shortest waves as to the long waves.
+    The half waves of the functions are normal. Their power does not rise with the wave number and
+    is estimated from the functions (isotonic maximum likelihood), so a jump is unlikely: it adds
+    the same power to short and long waves. ``variance_um2`` (count,) is the variance of each
+    unknown by noise, the lower limit of the power.
     """
     waves = columns.nodes - 1
     if waves < 2:
