@@ -1,6 +1,4 @@
-"""Unmeasured angular functions: the values that the readings make likely, and the findings about
-them.
-"""
+"""Angular functions that were not measured: their likely values, and the findings about them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,23 +14,20 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 FAR, FAR_IN_FEW = 10.0, 6.0
-"""Largest credible ratio of an angular function to the usual size of an ordinary machine (the
-second value for surveys of `FEW_FREEDOM`): worn machines with 90 urad have 6 times the usual size,
-and their surveys show at most 7 times. A value that is certainly larger is not caused by the
-machine: in a small survey a wrong reading looks like large angles.
-"""
+"""Largest credible ratio of an angular function to the usual size of an ordinary machine; the
+second value is for surveys with less than `FEW_FREEDOM` degrees of freedom. Worn machines with
+90 urad have 6 times the usual size, and their surveys show at most 7 times. A larger value is
+caused by a wrong reading."""
 FEW_FREEDOM = 20
-"""Number of degrees of freedom below which a survey is small: a survey driven once has 13 degrees
-of freedom with three increments, 7 with two. In such a survey a slip of 20 um in a run of three
-stops looks like angles of 130 urad; compensation with these angles made a machine worse (from 5.7
-to 9.8 um).
-"""
+"""Number of degrees of freedom below which a survey is small; a survey driven once has 13 with
+three increments and 7 with two. In a small survey, a slip of 20 um in a run of three stops looks
+like angles of 130 urad. Compensation with these angles increased the error of a machine from 5.7
+to 9.8 um."""
 
 
 def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
     """Return the likely values of every unknown angular function at the nodes, with standard
-    uncertainties, by name.
-    """
+    uncertainties."""
     volume, shapes = found.layout.volume, found.shapes
     if not shapes.names:
         return {}
@@ -60,9 +55,8 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
 
 
 def angle_size_urad(found: Adjustment, spread: Spread) -> tuple[float, float, float] | None:
-    """Return the likely range over the travel of an angular function by the readings: the median
-    size and its 95 % limits; None without an unknown angular function.
-    """
+    """Return the likely range of an angular function over the travel in urad: the median and the
+    95 % limits. The result is None if all angular functions are known."""
     if not found.shapes.names:
         return None
     place = spread.names.index("angles")
@@ -79,7 +73,7 @@ def angle_size_urad(found: Adjustment, spread: Spread) -> tuple[float, float, fl
 def angle_findings(
     found: Adjustment, spread: Spread, resolved: Sequence[str], volume_um: dict[str, Any]
 ) -> list[Finding]:
-    """Return the findings about the angular functions that were not measured."""
+    """Return the findings about angular functions that were not measured."""
     size = angle_size_urad(found, spread)
     if size is None:
         return []
@@ -102,9 +96,8 @@ def angle_findings(
 
 
 def _far(found: Adjustment, least_urad: float) -> list[Finding]:
-    """Return the finding that refuses a survey if its readings agree only with much larger angles
-    than machines of its class have.
-    """
+    """Return the finding that refuses a survey with much larger angles than machines of its
+    class have."""
     usual = float(np.mean(found.shapes.range_urad))
     if least_urad <= (FAR_IN_FEW if found.fit.freedom < FEW_FREEDOM else FAR) * usual:
         return []

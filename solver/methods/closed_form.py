@@ -1,5 +1,3 @@
-"""The closed forms as methods of the solver: four body step diagonals in, a result out."""
-
 from collections.abc import Callable
 
 import numpy as np
@@ -33,18 +31,15 @@ THETA_OF = {"C0Y": ("xy", -1.0), "B0Z": ("zx", 1.0), "A0Z": ("yz", -1.0)}
 
 
 def solve_wang2000(layout: Layout, chain: str) -> Result:
-    """Return the result of Eqs 7, 8 and 13 of Wang 2000 as printed.
-
-    Straightness is given without its end-point line (contract 4), although the equations keep this
-    line. Raises ``DataError`` unless all four diagonals are present.
-    """
+    """Return the result of Eqs 7, 8 and 13 of Wang 2000 as printed, but with straightness
+    without its end-point line (contract 4). Raises ``DataError`` unless all four diagonals are
+    present."""
     return _result(layout, chain, "wang2000", wang2000, terms=2)
 
 
 def solve_least_squares(layout: Layout, chain: str) -> Result:
-    """Return the least-squares result of the four diagonals' equations: shapes, squareness, scale
-    sum. Raises ``DataError`` unless all four diagonals are present.
-    """
+    """Return the least-squares result from four diagonals: functions, squareness, sum of the
+    scales. Raises ``DataError`` unless all four diagonals are present."""
     return _result(layout, chain, "least-squares", least_squares, terms=4)
 
 
@@ -87,9 +82,8 @@ def _result(
 def _functions(
     volume: Volume, solution: VectorSolution, reading_u: float, terms: int
 ) -> dict[str, Function]:
-    """Return the nine displacement functions; positioning keeps its slope if the method claims to
-    determine the slope.
-    """
+    """Return the nine displacement functions. Positioning functions include their slope if the
+    method determines it."""
     size = np.array(volume.size_mm)
     nodes = np.arange(volume.increments + 1)
     bridge = np.sqrt(2.0 * nodes * (volume.increments - nodes) / volume.increments)
@@ -123,7 +117,6 @@ def _squareness(
 
 
 def _scale(positioning: Function) -> Scale:
-    """Return the slope of a positioning function if the method keeps slopes."""
     if not positioning.slope_identified or positioning.value is None or positioning.u is None:
         return Scale(value=None, u=None, identified=False)
     per_metre = 1e3 / float(positioning.position_mm[-1] - positioning.position_mm[0])
@@ -137,9 +130,8 @@ def _scale(positioning: Function) -> Scale:
 def _reading_u(
     layout: Layout, data: DiagonalData, closure: Vector
 ) -> tuple[float, list[Finding]]:
-    """Return the stated standard uncertainty of an averaged reading, or without a stated one the
-    uncertainty from the increments of the closure residual, with findings.
-    """
+    """Return the stated standard uncertainty of an averaged reading. If none is stated, return
+    the value from the increments of the closure, with findings."""
     used = np.isin([key.setup for key in layout.passes], _used(layout))[layout.pass_index]
     stated = layout.u_um[used]
     if np.all(np.isfinite(stated)):

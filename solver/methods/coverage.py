@@ -1,6 +1,5 @@
-"""Coverage factors for 95 % where k = 2 is too small, because few degrees of freedom determine the
-noise (GUM G.4, Welch and Satterthwaite).
-"""
+"""Coverage factors for 95 % if the noise is determined by few degrees of freedom (GUM G.4, Welch
+and Satterthwaite)."""
 
 from collections.abc import Mapping
 
@@ -17,9 +16,8 @@ _MOST = 1e6
 
 
 def t_factor(freedom: float) -> float:
-    """Return the factor that covers 95.45 % of Student's t, 2 for many degrees of freedom (GUM
-    table G.2; exact to 2 % from three degrees on).
-    """
+    """Return the factor for 95.45 % of Student's t, which is 2 for many degrees of freedom (GUM
+    table G.2; exact to 2 % from three degrees on)."""
     z, v = 2.0, max(freedom, 1.0)
     first = (z**3 + z) / 4.0
     second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / 96.0
@@ -34,9 +32,8 @@ def coverage(
     u: Vector,
     u_readings: Vector,
 ) -> dict[str, CoverageFactor]:
-    """Return, by name of the quantity, the effective degrees of freedom and k for 95 %, if k is not
-    about 2. Readings with a stated uncertainty keep k = 2.
-    """
+    """Return the effective degrees of freedom and k for 95 % of each quantity whose k is above
+    `WORTH_SAYING`. Stated uncertainties of all readings mean k = 2."""
     if np.all(np.isfinite(found.layout.u_um)):
         return {}
     report = {}
@@ -52,7 +49,7 @@ def coverage(
 
 
 def coverage_findings(report: Mapping[str, CoverageFactor]) -> list[Finding]:
-    """Return the finding about uncertainties that need a larger coverage factor than 2."""
+    """Return the finding about the quantity with the largest coverage factor."""
     if not report:
         return []
     worst = max(report, key=lambda name: report[name].k)

@@ -1,6 +1,5 @@
-"""The finding about a survey with a probable error in its readings: the possible errors, their
-effects on the volume, and the setup whose repetition shows the true one.
-"""
+"""The finding about a probable error in the readings: its candidates, their effects on the
+volume, and the setup whose repetition identifies the true one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,16 +22,13 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.uncertainty.machine import Machine, free_fields_um, machine_of
 
 ALONE = 100.0
-"""Factor on the remaining size of an explanation that makes room for its full effect on the
-readings.
-"""
+"""Factor on the standard deviation of an explanation, so that its size is free."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """A possible error of a survey: its probability ``share``, its words, its passes, the effect
-    that models it, and the indices of its causes within this effect.
-    """
+    """A possible error of a survey: its probability ``share``, its words, its passes, its random
+    effect, and the columns within this effect."""
 
     share: float
     words: Message
@@ -42,14 +38,12 @@ class Candidate:
 
 
 def doubt_findings(found: Adjustment) -> list[Finding]:
-    """Return the finding about a survey with an error that has several explanations: the possible
-    errors, the most probable first, the effect of each on the volume, and the setup whose
-    repetition separates them.
+    """Return the finding about an error with several explanations: the candidates, the most
+    probable first, the effect of each on the volume, and the setup whose repetition separates them.
 
-    Growth of the machine is usual: if growth may be the cause, the finding appears only if
-    compensation would make the machine worse in the case of one candidate. There is no finding if
-    the lengths contradict each other by more than chance: `scale_findings` then names all
-    candidates.
+    Growth is usual: if growth is a candidate, the finding is returned only if compensation would
+    increase the error under one candidate. No finding is returned if the lengths contradict each
+    other: then `scale_findings` contains all candidates.
     """
     setups = found.explained.unnamed
     if not (setups or found.explained.unnamed_with_growth) or scale_findings(found):
@@ -81,9 +75,7 @@ def doubt_findings(found: Adjustment) -> list[Finding]:
 
 
 def candidates(found: Adjustment) -> list[Candidate]:
-    """Return every possible error that remains likely: errors outside the model, and growth beyond
-    the usual.
-    """
+    """Return every probable error: errors outside the model, and unusual growth."""
     explained, layout = found.explained, found.layout
     every = [
         Candidate(
@@ -110,9 +102,8 @@ def candidates(found: Adjustment) -> list[Candidate]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Volumes:
-    """Error vectors over the volume, without rigid motion: ``fields`` (k, 3 points) contains those
-    of a unit of each value of ``machine``.
-    """
+    """Error vectors over the volume without rigid motion: ``fields`` (k, 3 points) are the
+    vectors for one unit of each value of ``machine``."""
 
     found: Adjustment
     machine: Machine
@@ -120,7 +111,6 @@ class Volumes:
 
     @classmethod
     def of(cls, found: Adjustment) -> "Volumes":
-        """Return the error vectors of an adjustment."""
         first = found.first_cause("angles") if found.shapes.names else 0
         machine = machine_of(
             found.design, found.shapes, first, len(found.fit.size), found.products
@@ -133,19 +123,17 @@ class Volumes:
 
     @property
     def reported_um(self) -> Vector:
-        """Return the reported error vector over the volume, shape (3 points,)."""
+        """Return the reported error vectors, shape (3 points,)."""
         return self._over_volume(self.found.fit)
 
     def apart_um(self, one: Candidate) -> Vector:
-        """Return the difference between the machine's error and the reported error if one
-        explanation is true, shape (3 points,).
-        """
+        """Return the error vectors of the machine minus the reported error vectors if one
+        explanation is true, shape (3 points,)."""
         return self._over_volume(_alone(self.found, one)) - self.reported_um
 
     def harmed_by(self, one: Candidate) -> bool:
-        """Return whether compensation of the reported error makes the machine worse if one
-        explanation is true.
-        """
+        """Return whether compensation of the reported errors increases the machine's error if
+        one explanation is true."""
         left = self.apart_um(one)
         return rms_um(left) > rms_um(left + self.reported_um)
 
@@ -158,15 +146,13 @@ class Volumes:
 
 
 def rms_um(field_um: Vector) -> float:
-    """Return the root mean square length of an error vector over the volume; ``field_um`` has the
-    shape (3 points,)."""
+    """Return the root mean square length of error vectors (3 points,)."""
     return float(np.sqrt(3.0 * np.mean(field_um**2)))
 
 
 def _alone(found: Adjustment, one: Candidate) -> MixedFit:
-    """Return the fit for the case that one explanation is true: this explanation may have any size,
-    all others have size zero; growth has its usual or its estimated size.
-    """
+    """Return the fit if one explanation is true: its size is free, and all other explanations
+    are zero."""
     factors = []
     for effect, size in zip(found.effects, found.sizes.factor.tolist(), strict=True):
         usual = min(1.0, 1.0 / size) if effect.name in (GROWTH, SETUP_SCALE) else 1.0
@@ -180,10 +166,9 @@ def _alone(found: Adjustment, one: Candidate) -> MixedFit:
 
 
 def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
-    """Return the name of the best setup to drive again, with laser and target set up anew, and its
-    minutes. The best setup has the largest p (1 - p) a minute, with p the probability that its
-    passes contain the cause.
-    """
+    """Return the setup with the largest p (1 - p) per minute, and its minutes. p is the
+    probability that its passes contain the cause. Laser and target are set up again for the
+    repetition."""
     found = []
     for setup in layout.setups:
         share = sum(
@@ -198,7 +183,7 @@ def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
 
 
 def minutes_of(layout: Layout, setup: Setup) -> float:
-    """Return the minutes of driving a setup as often as in the survey, with usual times."""
+    """Return the minutes of all passes of a setup, with usual times."""
     mine = [key for key in layout.passes if key.setup == setup.name]
     both = len({key.outward for key in mine}) > 1
     run = Run(

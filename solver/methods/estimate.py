@@ -1,6 +1,5 @@
-"""The estimator as a method of the solver: a single adjustment of all readings of a survey, and the
-quantities that the readings identify.
-"""
+"""The estimator: one adjustment of all readings of a survey, and the quantities that the
+readings identify."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -74,11 +73,9 @@ from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimate:
-    """An adjustment, and the values, standard uncertainties and identifiability of all reported
-    quantities.
-
-    ``u`` is the combined uncertainty, ``u_readings`` its part from the noise of the readings.
-    """
+    """An adjustment, with values, standard uncertainties and identifiability of all reported
+    quantities. ``u`` is the combined uncertainty, ``u_readings`` its part by the noise of the
+    readings."""
 
     adjustment: Adjustment
     quantities: Quantities
@@ -90,9 +87,7 @@ class Estimate:
 
     @property
     def gain(self) -> Vector:
-        """Return the linear operator (q, m), quantities = gain @ deviation_um: with it, 200,000
-        Monte Carlo trials are a single product.
-        """
+        """Return the linear operator (q, m): quantities = gain @ deviation_um."""
         fit = self.spread.fit
         spread = fit.inverse.solve(self.quantities.combination.dense().T)
         direct = fit.rows.times(spread) * fit.weight[:, None]
@@ -104,7 +99,6 @@ class Estimate:
 
     @property
     def covariance(self) -> Vector:
-        """Return the covariance of all quantities, shape (q, q)."""
         spread = self.spread.fit.inverse.solve(self.quantities.combination.dense().T)
         moved = self.spread.moved(self.quantities.combination)
         matrix: Vector = (
@@ -113,9 +107,8 @@ class Estimate:
         return matrix
 
     def number(self, name: str) -> tuple[float, float, float] | None:
-        """Return the value of a reported number, its combined standard uncertainty and the part by
-        the readings; None if the number is not identified.
-        """
+        """Return the value of a number, its combined standard uncertainty and the part by the
+        readings; None if the number is not identified."""
         row = self.quantities.of(name)[0]
         return (
             (float(self.value[row]), float(self.u[row]), float(self.u_readings[row]))
@@ -124,9 +117,8 @@ class Estimate:
         )
 
     def curve(self, name: str, nodes: int) -> tuple[Vector, Vector, Vector] | None:
-        """Return the values of a function at nodes 0 .. n and their combined and reading
-        uncertainties, with zero at nodes where the function is zero by definition.
-        """
+        """Return the values of a function at nodes 0 .. n, its combined uncertainties and the
+        parts by the readings; None if the function is not identified."""
         if not self.known[name]:
             return None
         rows = self.quantities.of(name)
@@ -144,9 +136,8 @@ def estimate(
     straightness: Sequence[MeasuredStraightness] = (),
     assumed: Assumptions | None = None,
 ) -> Estimate:
-    """Adjust a survey and evaluate every quantity that can be reported. Raises the errors of
-    `solver.adjustment.adjustment.adjust`.
-    """
+    """Adjust a survey and compute every quantity. Raises the errors of
+    `solver.adjustment.adjustment.adjust`."""
     adjustment = adjust(
         layout, chain, angles=angles, straightness=straightness, assumed=assumed
     )
@@ -163,8 +154,8 @@ def estimate(
             alone + np.maximum(spread.variance(moved), spread.variance_by_readings(moved))
         ),
         u_readings=deviation(alone + spread.variance_by_readings(moved)),
-        # with a single increment a function has only its two ends: its shape is zero and is no
-        # combination of unknowns
+        # with one increment a function has only its two ends: its shape is zero and no combination
+        # of unknowns
         known={
             **dict.fromkeys(DISPLACEMENTS, True),
             **identified(found, inverse, usual_sizes_of(adjustment.assumed)),
@@ -175,7 +166,6 @@ def estimate(
 
 
 def spread_of(found: Adjustment) -> Spread:
-    """Return the covariances behind an adjustment."""
     group = np.repeat(
         np.arange(len(found.effects)), [effect.count for effect in found.effects]
     )
@@ -193,11 +183,10 @@ def solve_estimate(
     assumed: Assumptions | None = None,
     trials: int = 0,
 ) -> Result:
-    """Return the result of the estimator; a quantity that the readings do not identify is None, and
-    a finding names it with a remedy.
+    """Return the result of the estimator. A quantity that is not identified is None, and a finding
+    contains its remedy.
 
-    With ``trials`` the result also contains the scatter of this number of simulated surveys (JCGM
-    101).
+    With ``trials`` the result also contains the scatter of simulated surveys (JCGM 101).
     """
     straightness = at_targets(straightness, layout)
     done, of_head = agreeing(
@@ -270,10 +259,8 @@ def solve_estimate(
 def _over_the_volume(
     result: Result, done: Estimate, resolved: Sequence[str]
 ) -> tuple[Result, dict[str, float]]:
-    """Return the result with its statements about the whole volume (the machine's posterior, the
-    predicted errors, the remaining effect of the angles), and the effect of each source on the
-    volume in um.
-    """
+    """Return the result with the figures for the whole volume, and the effect of each source of
+    uncertainty on the volume in um."""
     found = done.adjustment
     wider = with_the_usual(found, done.spread, done.quantities, done.known)
     seen = _barely_seen(done)
@@ -292,9 +279,8 @@ def _over_the_volume(
 
 
 def _barely_seen(done: Estimate) -> Spread:
-    """Return the covariances, with the usual size for each quantity that the readings do not
-    determine.
-    """
+    """Return the covariances with the usual size for each quantity that the readings do not
+    determine."""
     determined = identified(done.quantities, done.spread.fit.inverse, {})
     kept = {
         name: known or not determined.get(name, True) for name, known in done.known.items()
@@ -321,7 +307,7 @@ def _scale(number: tuple[float, float, float] | None) -> Scale:
 
 
 def _errors(done: Estimate) -> dict[str, Function]:
-    """Return the nine displacement functions and the angular functions that are known."""
+    """Return the nine displacement functions and the known angular functions."""
     errors = {
         name: _positioning(done, name) if name in POSITIONING else _function(done, name, None)
         for name in DISPLACEMENTS
@@ -337,16 +323,15 @@ def _errors(done: Estimate) -> dict[str, Function]:
 
 
 def _positioning(done: Estimate, name: str) -> Function:
-    """Return a positioning function at the nodes and at every other measured position."""
+    """Return a positioning function at the nodes and at all other measured positions."""
     function = _function(done, name, sloped(name))
     stands_as = sloped(name) if function.slope_identified else name
     return finer(done.adjustment, done.spread, done.quantities, stands_as, function, name)
 
 
 def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
-    """Return a function with its slope if the slope is identified; else its shape alone; else a
-    function without values.
-    """
+    """Return a function with its slope; without the slope if it is not identified; without
+    values if the shape is not identified."""
     volume, axis = done.adjustment.layout.volume, AXIS_LETTERS.index(name[-1])
     full = done.curve(with_slope, volume.increments) if with_slope else None
     value, u, u_readings = full or done.curve(name, volume.increments) or (None, None, None)
@@ -363,7 +348,7 @@ def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
 
 
 def _known_angle(done: Estimate, name: str) -> Function:
-    """Return a known angular function as adjusted within its stated uncertainty."""
+    """Return a known angular function, adjusted within its stated uncertainty."""
     volume = done.adjustment.layout.volume
     value, stated = (
         np.concatenate([[0.0], column])
@@ -381,11 +366,8 @@ def _known_angle(done: Estimate, name: str) -> Function:
 
 
 def _reversal(done: Estimate) -> dict[str, Function]:
-    """Return the reversal function of every error whose reversal the readings determine. It starts
-    at the low end with the measured value if the readings contain this value, else with zero and u
-    = 0. The assumption that a reversal hardly changes along its axis does not count as a
-    determination.
-    """
+    """Return the reversal function of every error whose reversal is identified. Its value at the
+    low end is the measured value, or 0 with u = 0 if it was not measured."""
     if REVERSAL_PART not in done.adjustment.design.columns.parts:
         return {}
     whole = {name: done.known.get(backlash(name), False) for name in DISPLACEMENTS}
@@ -401,9 +383,8 @@ def _reversal(done: Estimate) -> dict[str, Function]:
 
 
 def backlash_numbers(done: Estimate) -> Backlashes | None:
-    """Return the mean backlash of each axis (approach in + minus approach in -), in um with its u:
-    this is the value of the control's backlash parameter.
-    """
+    """Return the mean backlash of each axis (approach in + minus approach in -) in um with its
+    u, as the backlash parameter of a control."""
     columns = done.adjustment.design.columns
     found: dict[str, Backlash] = {}
     for axis, letter in enumerate(AXIS_LETTERS):
@@ -424,9 +405,8 @@ def backlash_numbers(done: Estimate) -> Backlashes | None:
 
 
 def _with_fit(result: Result, done: Estimate) -> Result:
-    """Return the result with the figures of the fit: fit, scale sum, backlash, unnoticed slips and
-    closure residual.
-    """
+    """Return the result with the figures of the fit: degrees of freedom, sum of the scales,
+    backlash, undetected slips, closure."""
     found = done.adjustment
     solid = found.layout.volume.solid
     number = done.number(SCALE_SUM) if solid else None
@@ -464,9 +444,8 @@ _UNIDENTIFIED: tuple[
 
 
 def _missing(done: Estimate) -> list[Finding]:
-    """Return a finding for unidentified scales, squarenesses and functions, with the cheapest runs
-    that would help.
-    """
+    """Return the findings on quantities that are not identified, with the runs of least time
+    that would identify them."""
     if not done.adjustment.layout.volume.solid:
         return [_standing(done)]
     lacking = [
@@ -481,9 +460,8 @@ def _missing(done: Estimate) -> list[Finding]:
 
 
 def _standing(done: Estimate) -> Finding:
-    """Return the finding about a survey in which an axis did not travel: such a survey measures
-    axes, but no volume.
-    """
+    """Return the finding about a survey in which an axis did not travel: it measures axes, but
+    no volume."""
     moved = done.adjustment.layout.volume.travelled
     standing = [
         letter for letter, travels in zip(AXIS_LETTERS, moved, strict=True) if not travels

@@ -1,6 +1,4 @@
-"""A positioning function at every measured position: at the nodes, and at the targets of a finer
-run of its axis alone.
-"""
+"""A positioning function at the nodes and at the targets of a finer linear run."""
 
 from dataclasses import replace
 
@@ -15,9 +13,8 @@ from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 NEAR = 0.05
-"""Share of a cell within which a position counts as the node: the slope between two values at such
-close positions (as in a program with one decimal) would be noise alone.
-"""
+"""Share of an increment within which a position is treated as the node: the slope between two
+positions this close would be noise."""
 
 
 def finer(
@@ -28,11 +25,8 @@ def finer(
     function: Function,
     name: str,
 ) -> Function:
-    """Return a function of the result with its values between the nodes added; unchanged if it has
-    no such values.
-
-    ``stands_as`` is the name of the function's node values among the quantities.
-    """
+    """Return a function of the result with its values between the nodes, if there are any.
+    ``stands_as`` is the name of its quantity."""
     if (
         name not in found.between.names
         or function.value is None
@@ -78,9 +72,8 @@ def finer(
 def _between_rows(
     found: Adjustment, quantities: Quantities, stands_as: str, position_mm: Vector, axis: int
 ) -> Rows:
-    """Return the values at some positions of the straight lines between the nodes, as combinations
-    of the unknowns.
-    """
+    """Return the values on the straight lines between the nodes at some positions, as
+    combinations of the unknowns."""
     volume, mine = found.layout.volume, quantities.of(stands_as)
     at_nodes = quantities.combination.select(mine)
     dense = np.zeros((volume.increments + 1, at_nodes.count))

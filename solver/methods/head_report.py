@@ -1,9 +1,9 @@
-"""The 4-DOF head's straightness in a result: the figures by the three reference lines, and the
+"""The straightness by the 4-DOF head in a result: its figures by three reference lines, and its
 comparison with the diagonals.
 
-If head and diagonals contradict each other, neither is known to be right, and their mean would
-certainly be wrong. The result then contains the values of the diagonals, with an uncertainty that
-includes the head's values; an export is refused until the cause is known.
+If head and diagonals contradict each other, it is unknown which is right, and a mean would be
+wrong. The result then contains the values of the diagonals, with an uncertainty that includes the
+head's values. An export is refused until the cause is removed.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,24 +28,17 @@ from stepdiag.solver.standards.straightness import residuals_um, straightness_um
 
 LEAST_CHECKED = 2
 NORMAL_999 = 3.09  # the 99.9 % point of the normal distribution
-"""Least number of the head's values checked by diagonals and other passes for which agreement is
-reported: two.
-"""
+"""Smallest number of checked values of the head for which agreement is reported."""
 LIKELY = 0.8
-"""Probability, by the differences among a head's values, that the waves between the nodes are no
-larger than assumed. With 0.8, 6 of 180 surveys without a fault were called contradictions (12 with
-0.5), none of them with waves of at least `BENT`; from 0.95 on, wrong signs begin to be hidden.
-"""
+"""Probability, from differences among the head's values, that the waves between the nodes are at
+most as large as assumed. With 0.8, 6 of 180 surveys without a fault had a contradiction (12 with
+0.5), none of them with waves of at least `BENT`; from 0.95, some wrong signs are not detected."""
 BENT = 2.0 / 8.0
-"""Departure of a function from the straight line, in the middle between two nodes, as a share of
-the function's second differences at the nodes: an eighth for a smooth function, a quarter for waves
-two increments long.
-"""
+"""Deviation of a function in the middle between two nodes from the straight line, as a share of
+its second differences at the nodes: 1/8 for a smooth function, 1/4 for waves of two increments."""
 
 
 class Adjusted(Protocol):
-    """The part of an estimate that this module uses."""
-
     @property
     def adjustment(self) -> Adjustment: ...
 
@@ -59,11 +52,11 @@ def agreeing(
     estimated: Callable[[Sequence[MeasuredStraightness]], Done],
     measured: Sequence[MeasuredStraightness],
 ) -> tuple[Done, dict[str, HeadStraightness]]:
-    """Return the estimate with those functions of the head that the readings do not contradict, and
+    """Return the estimate with the functions of the head that the readings do not contradict, and
     the report on all functions of the head.
 
-    The function with the largest contradiction is left out first, because a wrong function makes
-    the others look wrong.
+    Functions are omitted one by one, the largest contradiction first, because a wrong function
+    causes contradictions in other functions.
     """
     kept, apart = list(measured), dict[str, HeadStraightness]()
     alone = estimated(())
@@ -85,10 +78,10 @@ def agreeing(
 
 def sizes_of(alone: Adjusted) -> dict[str, float]:
     """Return the sizes of angular functions and of the waves between the nodes, relative to their
-    usual sizes and at least one, from the laser's readings alone, by the name of the effect.
+    usual sizes and at least 1, from the laser's readings.
 
-    The comparison of the head's values with the diagonals uses these sizes: else an error of 8 um
-    in the head's values would look like 80 urad, or like a movement between the nodes.
+    The comparison of the head with the diagonals uses these sizes: otherwise an error of 8 um in
+    the head's values would be explained by angles of 80 urad or by waves between the nodes.
     """
     effects = zip(alone.adjustment.effects, alone.adjustment.sizes.factor, strict=True)
     turning = {
@@ -117,9 +110,8 @@ def beside_head(
     measured: Sequence[MeasuredStraightness],
     found: Adjustment,
 ) -> tuple[dict[str, Function], dict[str, HeadStraightness]]:
-    """Return the functions and the report; if head and diagonals contradict each other, the report
-    contains their difference, and U of the function includes this difference.
-    """
+    """Return the functions and the report. For contradictions between head and diagonals, the
+    report contains the difference, and U of the function includes it."""
     wider, compared = dict(errors), dict(report)
     for name in _contradicting(report):
         mine, function = [one for one in measured if one.name == name], errors[name]
@@ -157,14 +149,12 @@ def _contradicting(report: Mapping[str, HeadStraightness]) -> list[str]:
 def head_report(
     found: Adjustment, measured: Sequence[MeasuredStraightness], sizes: Mapping[str, float]
 ) -> dict[str, HeadStraightness]:
-    """Return the report on each function of the head: the passes, the straightness by each
-    reference line with its uncertainty, and the agreement with the readings.
+    """Return the report on each function of the head: passes, straightness by each reference line
+    with its uncertainty, agreement with the readings.
 
-    ``residual_um`` is the rms of the head's values against the adjusted function; ``misclosure`` is
-    `_misclosure` over its chance limit (99.9 % point): above 1 the head and the diagonals
-    contradict each other. For ``misclosure`` the causes have their usual size, angular functions
-    the size by `sizes_of`, and waves between the nodes at least the usual size. ``sign_hidden`` is
-    true if a wrong sign would not be noticed (`_sign_hidden`).
+    ``residual_um`` is the rms difference between the head's values and the adjusted function.
+    ``misclosure`` is chi-square of the comparison divided by its 99.9 % limit: above 1, head and
+    diagonals contradict each other. ``sign_hidden`` is True if a wrong sign would not be detected.
     """
     rows = _head_rows(found, measured)
     checked = _checked(found, sizes, rows)
@@ -178,10 +168,9 @@ def head_report(
 
 @dataclass(frozen=True, eq=False)
 class _Checked:
-    """The ``fit`` of all readings and all values of the head, the fits of each function's values
-    ``alone``, and the factor ``as_usual`` (q,) that reduces each cause to its usual size. Waves
-    between the nodes are those at the head's positions.
-    """
+    """The ``fit`` of all readings and all values of the head, the fits ``alone`` of the values
+    of each function, and the factor ``as_usual`` (q,) from the size of each random effect to its
+    usual size."""
 
     fit: MixedFit
     alone: Mapping[str, MixedFit]
@@ -191,12 +180,11 @@ class _Checked:
 def _checked(
     found: Adjustment, sizes: Mapping[str, float], functions: Mapping[str, NDArray[np.bool_]]
 ) -> _Checked:
-    """Return the fits for the comparison: the causes have their usual sizes, the angular functions
-    the given sizes.
+    """Return the fits for the comparison; random effects have their usual size, except those in
+    ``sizes``.
 
-    The size of the waves between the nodes follows from the rows of each of the head's functions by
-    itself. The size from all rows together would hide a wrong sign if head and diagonals have few
-    common positions.
+    The size of the waves between the nodes is computed from the rows of each function separately. A
+    common size could hide a wrong sign if head and diagonals have few common positions.
     """
     between = np.repeat(
         [effect.name == BETWEEN for effect in found.effects],
@@ -221,7 +209,6 @@ def _checked(
 
 
 def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
-    """Return the fit with the usual sizes of all effects except those in ``sizes``."""
     factor = [
         sizes.get(effect.name, size) / size
         for effect, size in zip(found.effects, found.sizes.factor, strict=True)
@@ -232,12 +219,11 @@ def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
 
 
 def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
-    """Return chi-square, divided by its chance limit, of the difference between a function's rows
-    (``alone``) and all ``others``, or of these rows among themselves if that is larger. The value
-    is None if too few rows are checked.
+    """Return chi-square, divided by its limit, of a function's rows against all ``others``, or of
+    these rows among themselves if that is larger. The result is None if too few rows are checked.
 
-    One chi-square over all passes would hide the difference between passes of the head that agree
-    with each other and all other passes.
+    A single chi-square over all passes could hide a difference between the head and all other
+    passes.
     """
     among = _over_chance(alone.chi_square, alone.freedom)
     return max(
@@ -254,9 +240,8 @@ def _apart(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
 
 
 def _chi_square_limit(freedom: int) -> float:
-    """Return the 99.9 % point of chi-square (Wilson and Hilferty's approximation, exact to 1 % from
-    3 degrees of freedom).
-    """
+    """Return the 99.9 % point of chi-square (Wilson and Hilferty's approximation, exact to 1 %
+    from 3 degrees of freedom)."""
     spread = 2.0 / (9.0 * freedom)
     return float(freedom * (1.0 - spread + NORMAL_999 * np.sqrt(spread)) ** 3)
 
@@ -268,9 +253,8 @@ def _over_chance(chi_square: float, freedom: int) -> float | None:
 def _sign_hidden(
     checked: _Checked, rows: NDArray[np.bool_], others: MixedFit, alone: MixedFit
 ) -> bool:
-    """Return whether the head's values agree with the other readings in both signs, only because
-    errors between the nodes can explain the difference.
-    """
+    """Return whether the head's values agree with all other readings in both signs because waves
+    between the nodes explain the difference."""
     if np.all(checked.as_usual == 1.0):
         return False
     signs = checked.fit, _turned_over(checked.fit, rows)
@@ -284,16 +268,14 @@ def _sign_hidden(
 
 
 def _turned_over(whole: MixedFit, rows: NDArray[np.bool_]) -> MixedFit:
-    """Return a fit with the opposite sign of the values in some rows."""
+    """Return a fit with the opposite sign of the target in some rows."""
     return whole.for_target(np.where(rows, -1.0, 1.0) * whole.fixed.target)
 
 
 def _head_rows(
     found: Adjustment, measured: Sequence[MeasuredStraightness]
 ) -> dict[str, NDArray[np.bool_]]:
-    """Return a mask of the fit's rows for each function of the head: the rows of the head's passes
-    follow those of the readings.
-    """
+    """Return a mask of the fit's rows for each function of the head."""
     name = np.array([one.name for one in measured for _ in one.position_mm])
     before, after = len(found.layout), len(found.fit.weight) - len(found.layout) - len(name)
     return {one.name: np.pad(name == one.name, (before, after)) for one in measured}
@@ -329,9 +311,8 @@ def _mean(position: Vector, value: Vector) -> tuple[Vector, Vector]:
 
 
 def head_findings(report: Mapping[str, HeadStraightness]) -> list[Finding]:
-    """Return the findings about functions for which head and diagonals differ, and about functions
-    whose wrong sign would not be noticed.
-    """
+    """Return the findings about functions with a contradiction, and about functions with an
+    undetectable sign."""
     bad = _contradicting(report)
     hidden = [name for name, facts in report.items() if facts.sign_hidden and name not in bad]
     return [

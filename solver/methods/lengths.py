@@ -1,9 +1,8 @@
-"""The temperature of a result's lengths, that of the survey or 20 C (ISO 1), and the lengths at the
-other of these two temperatures.
+"""The temperature for which the lengths of a result are valid: that of the survey, or 20 C (ISO 1)
+if every reading was reduced to 20 C.
 
-The scales, and with them EXX, EYY and EZZ, are valid for one temperature: that of the survey, or 20
-C if every reading was reduced to 20 C before. The tables correct these scales. The report also
-shows the scales at the other temperature, which no table uses.
+The tables correct the scales (and with them EXX, EYY, EZZ) at this temperature. The report also
+contains the scales at the other temperature.
 """
 
 from collections.abc import Mapping
@@ -26,23 +25,21 @@ from stepdiag.solver.model.warmth import expansions
 AS_MEASURED: Lengths = "as_measured"
 AT_20_C: Lengths = "at_20_c"
 UNMEASURED_C = 3.5
-"""Standard uncertainty in C of an assumed material temperature (20 C, or the value in a survey
-file): that of a sensor without a reading for an hour. A value stated by the user replaces this
-assumption.
-"""
+"""Standard uncertainty in C of an assumed material temperature, as for a sensor without a
+reading for an hour. A value in the survey file replaces it."""
 REACH_MM = 100.0
-"""Distance from the mirror to the tool tip for which the effect of the angles is reported."""
+"""Distance between mirror and tool tip for which the effect of the angles is reported."""
 
 
 def at_their_temperature(
     readings: Readings, assumed: Assumptions | None, source: str
 ) -> Assumptions:
-    """Return the assumptions with two facts added: whether the readings are reduced to 20 C, and
-    the material's temperature.
+    """Return the assumptions with the material's temperature, and whether the readings are reduced
+    to 20 C.
 
-    Readings reduced to 20 C from an unmeasured temperature carry the uncertainty of this
-    temperature: the value stated by the user, else `UNMEASURED_C`. Raises ``DataError`` if some
-    readings were reduced to 20 C and others not.
+    Readings that were reduced to 20 C without a measured temperature have the stated uncertainty of
+    the temperature, or else `UNMEASURED_C`. Raises ``DataError`` if only some readings were
+    reduced.
     """
     found = assumed or Assumptions()
     reduced = bool(len(readings) and readings.at_20_c.all())
@@ -69,11 +66,7 @@ def at_their_temperature(
 
 
 def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[Finding, ...]:
-    """Return the findings about readings without a measured temperature (NaN in ``temperature_c``).
-
-    A machine's sensor, or the operator, gives a temperature for each reading: a temperature of only
-    some readings is not the temperature of the survey.
-    """
+    """Return the findings about readings without a temperature (NaN in ``temperature_c``)."""
     missing = int(np.count_nonzero(~np.isfinite(temperature_c)))
     if not missing:
         return ()
@@ -109,11 +102,11 @@ def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[F
 def lengths_report(
     scales: Mapping[str, Scale], assumed: Assumptions, *, known: bool
 ) -> LengthsReport:
-    """Return which lengths the tables correct, and the scales as measured and at 20 C with the
-    combined u of each.
+    """Return the lengths that the tables correct, and the scales as measured and at 20 C with their
+    combined u.
 
-    ``known`` is true if the material's temperature was measured; else the scale at the other
-    temperature is None.
+    ``known`` is True if the material's temperature was measured. If it was not, the scale at the
+    other temperature is None.
     """
     here, other = (
         (AT_20_C, AS_MEASURED) if assumed.reduced_to_20_c else (AS_MEASURED, AT_20_C)
@@ -138,9 +131,8 @@ def lengths_report(
 
 
 def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) -> LengthScale:
-    """Return a scale (um/m) at the other temperature, and the u of this scale: a warm measuring
-    scale is longer, so the machine moves too far.
-    """
+    """Return a scale in um/m at the other temperature, with its u. A warm measuring scale is
+    longer, so the machine moves too far."""
     if scale.value is None or scale.u is None or not known:
         return LengthScale(value=None, u=None)
     excess, coefficient = (
@@ -152,8 +144,8 @@ def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) ->
         return LengthScale(
             value=scale.value - coefficient * excess, u=float(np.hypot(scale.u, material))
         )
-    # the conversion from 20 C back subtracts the uncertainty of the reduction to 20 C; the
-    # readings' own part stays
+    # the scale as measured does not contain the uncertainty of the reduction to 20 C; the part of
+    # the readings does not change
     least = scale.u_readings or 0.0
     return LengthScale(
         value=scale.value + coefficient * excess,
@@ -164,12 +156,11 @@ def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) ->
 def tool_report(
     errors: Mapping[str, Function], expected: Mapping[str, Function], assumed: Assumptions
 ) -> Tool:
-    """Return the point to which the errors belong, and the effect of the angles on a tool tip at
-    `REACH_MM` from this point, in um (k = 2).
+    """Return the point of the reported errors, and the effect of the angles on a tool tip at
+    `REACH_MM` from it, in um (k = 2).
 
-    The functions belong to the point where the beam meets the mirror: the model's tool offset is
-    zero. An angular function enters with its largest value and U, an undetermined angular function
-    with the assumed range.
+    The errors are those of the point where the beam meets the mirror. The effect is computed from
+    the largest value and U of each angular function, or from its assumed range.
     """
     reach = []
     for name in ROTATIONS:

@@ -1,5 +1,3 @@
-"""The methods of the solver by name."""
-
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,9 +15,7 @@ from stepdiag.solver.model.layout import Layout
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """The input of a method: the chain, known angular functions, straightness of a 4-DOF head, and
-    the user's assumptions.
-    """
+    """The input of a method. ``trials`` is the number of simulated surveys."""
 
     chain: str
     angles: Angles | None = None
@@ -59,15 +55,13 @@ METHODS: dict[str, Method] = {
     "least-squares": _without_angles("least-squares", solve_least_squares),
     "wang2000": _without_angles("wang2000", solve_wang2000),
 }
-"""The methods by name: ``estimate`` gives every quantity that the readings identify,
-``least-squares`` solves Wang's four equations as corrected, ``wang2000`` as printed.
-"""
+"""The methods: ``estimate`` returns every identified quantity; ``least-squares`` and
+``wang2000`` solve Wang's equations as corrected and as printed."""
 
 
 def method_of(name: str) -> Method:
-    """Return the method of a name. Raises ``UsageError`` for an unknown name, with the nearest
-    known name.
-    """
+    """Return a method by name. Raises ``UsageError`` for an unknown name, with the most similar
+    name."""
     if name not in METHODS:
         near = difflib.get_close_matches(name, METHODS)
         remedy = message("did-you-mean", name=repr(near[0])) if near else ""

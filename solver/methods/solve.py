@@ -1,4 +1,4 @@
-"""The only entry to the solver: a function that takes the readings and returns the result."""
+"""The public function of the solver."""
 
 from collections.abc import Sequence
 
@@ -24,15 +24,14 @@ def solve(
     source: str = "readings",
     monte_carlo: int = 0,
 ) -> Result:
-    """Return the result of a survey: the machine's errors by the readings.
+    """Return the result of a survey: the machine's errors.
 
     ``chain`` is ``FXYZ`` .. ``XYZF`` or the ISO form ``[w X' b Y Z t]``. ``angles`` are angular
-    functions known from another measurement. All other angular functions are determined if the
-    beams allow this, else estimated within their usual sizes. ``straightness`` are the values
-    measured by a 4-DOF head, ``assumed`` the user's assumptions about machine and hall. ``source``
-    names the readings in messages. ``monte_carlo`` is the number of surveys simulated to check the
-    law of propagation (JCGM 101), 0 for none. Raises ``UsageError`` for a wrong chain or method,
-    ``DataError`` where the readings do not form a survey or the method needs other readings.
+    functions from another measurement; all other angular functions are estimated. ``straightness``
+    are values of a 4-DOF head. ``assumed`` are the user's assumptions about machine and hall.
+    ``source`` is the name of the readings in messages. ``monte_carlo`` is the number of simulated
+    surveys (JCGM 101). Raises ``UsageError`` for an invalid chain or method, and ``DataError`` if
+    the readings do not form a survey or the method needs other readings.
     """
     parse_chain(chain)
     chosen = method_of(method)

@@ -1,9 +1,9 @@
-"""The figures of the standards for the driven setups: ISO 230-2, ASME B5.54 and VDI/DGQ 3441 along
-axes, ISO 230-6 along diagonals.
+"""The figures of the standards for each setup: ISO 230-2, ASME B5.54 and VDI/DGQ 3441 along axes,
+ISO 230-6 along diagonals.
 
-Both directions of travel are evaluated together if their passes share the zero of the laser's count
-(contract 4, column ``zero``). Passes that restart the count at zero contain no reversal value: the
-figures that need it (B, R, A, and all of VDI/DGQ 3441) are then left out, with a finding.
+Figures that include the reversal (B, R, A, and all of VDI/DGQ 3441) require passes in both
+directions with a common zero of the laser's count (contract 4, column ``zero``). Without it they
+are omitted, with a finding.
 """
 
 from collections.abc import Mapping
@@ -37,9 +37,7 @@ from stepdiag.solver.standards.iso230_uncertainty import (
 )
 
 STEPS_A_CYCLE: dict[Kind, int] = {"step": 3, "body": 1}
-"""Number of stops from one point of the diagonal to the next, by the kind of setup along a body
-diagonal.
-"""
+"""Number of stops from one point of the diagonal to the next."""
 DIAGONAL_STANDARD: dict[Kind, str] = {
     "body": "ISO 230-6:2002",
     "step": "as ISO 230-6:2002, on step diagonals (axes one after the other)",
@@ -49,9 +47,8 @@ DIAGONAL_ENTRY: dict[Kind, str] = {"body": "diagonals", "step": "step-diagonals"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SetupRuns:
-    """The runs of one setup: deviations by target and run, the rows of the readings, and findings
-    with the reasons for omitted targets or runs.
-    """
+    """The runs of one setup: deviations by target and run, the rows of the readings, and
+    findings about omitted targets or runs."""
 
     setup: str
     rows: NDArray[np.int64]
@@ -60,16 +57,15 @@ class SetupRuns:
 
 
 def way_mm(layout: Layout, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]]) -> Vector:
-    """Return the distance in mm of each row's stop from the low end of the pass along the setup's
-    direction, shape (rows,).
-    """
+    """Return the distance in mm of each stop from the lowest stop along the setup's direction,
+    shape (rows,)."""
     along: Vector = np.einsum("ij,ij->i", layout.position_mm[rows], layout.direction[rows])
     way: Vector = np.round(along - along.min(), 6)
     return way
 
 
 def linear_runs(layout: Layout) -> dict[str, SetupRuns]:
-    """Return, by setup, the runs of every setup along an axis."""
+    """Return the runs of every setup along an axis."""
     found = {
         setup.name: _runs(layout, index, 1)
         for index, setup in enumerate(layout.setups)
@@ -81,12 +77,12 @@ def linear_runs(layout: Layout) -> dict[str, SetupRuns]:
 def diagonals(
     layout: Layout, kind: Kind
 ) -> tuple[DiagonalFigures, dict[str, SetupRuns]] | None:
-    """Return the figures along the four diagonals of a kind (body, step), and the runs of each;
-    None if fewer than four were driven.
+    """Return the figures along the four diagonals of a kind (body, step) and the runs of each
+    diagonal; None unless all four were driven.
 
-    Only points on the diagonal are used: there the mirror's tilt has no first-order effect, because
-    it sums to zero over X + Y + Z (theory 4.2). ISO 230-6 moves all axes together; the name of the
-    figures of step diagonals has a mark, because they are not figures of the standard.
+    Only points on the diagonal are used: the first-order effect of a mirror tilt is zero there
+    (theory 4.2). ISO 230-6 moves all axes together, so figures of step diagonals are not figures of
+    the standard, and their name has a mark.
     """
     found = {
         setup.name: _runs(layout, index, STEPS_A_CYCLE[kind])
@@ -103,9 +99,7 @@ def diagonals(
 def standards_report(
     layout: Layout, assumed: Assumptions | None = None
 ) -> dict[str, tuple[StandardFigures, ...]]:
-    """Return every figure of the standards, in um with ``U`` (k = 2), by setup: one entry for each
-    standard, with the source of its formula.
-    """
+    """Return the figures of each standard in um with ``U`` (k = 2), by setup."""
     sources = assumed or Assumptions()
     report: dict[str, tuple[StandardFigures, ...]] = {}
     for name, found in linear_runs(layout).items():
@@ -131,7 +125,7 @@ def standards_report(
 
 
 def standards_findings(layout: Layout) -> list[Finding]:
-    """Return the findings with the reasons for omitted figures, without repetition."""
+    """Return the findings about omitted figures, without repetition."""
     along = [
         found for kind in STEPS_A_CYCLE if (found := diagonals(layout, kind)) is not None
     ]
@@ -144,13 +138,12 @@ def standards_findings(layout: Layout) -> list[Finding]:
 
 
 def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
-    """Return the runs of a setup over every ``cycle``-th stop (the stops on its line), from passes
-    that contain all these stops; None without such a pass.
-    """
+    """Return the runs of a setup over every ``cycle``-th stop, from passes that contain all
+    these stops; None if no pass contains them."""
     rows = np.flatnonzero(layout.setup_index == index)
     rows = rows[layout.stop[rows] % cycle == 0]
     way = way_mm(layout, rows)
-    # the target of a turn without a second dwell was approached from one side only
+    # at a reversal without overrun the target was approached from one side only
     rows = rows[
         ~np.isin(way, way[np.any(layout.approach[rows] != _travel(layout, rows), axis=1)])
     ]
@@ -168,7 +161,7 @@ def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
     joined = len({_upward(layout, mine) for mine in kept}) > 1
     used = kept if joined else unbroken
     rows = np.concatenate(used)
-    # odd numbers are for passes along the setup's direction: a run may start at either end
+    # passes along the setup's direction have odd numbers; a run may start at either end
     numbers = np.concatenate(
         [
             np.full(targets, 2 * place + _upward(layout, mine))
@@ -182,9 +175,7 @@ def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
 
 
 def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
-    """Return the passes that share one zero of the laser's count: the zero with the most runs in
-    both directions.
-    """
+    """Return the passes that share the zero of the count with the most runs in both directions."""
     zeros = [int(layout.zero_index[mine[0]]) for mine in passes]
     ways = [(zero, _upward(layout, mine)) for zero, mine in zip(zeros, passes, strict=True)]
     longest = max(
@@ -198,9 +189,8 @@ def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[n
 
 
 def _travel(layout: Layout, rows: NDArray[np.int64]) -> Vector:
-    """Return the sign of the travel of every axis in the pass of each row, by the approach to the
-    last stop of this pass, shape (rows, 3).
-    """
+    """Return the sign of the travel of every axis in the pass of each row, from the last stop of
+    the pass, shape (rows, 3)."""
     last = {int(number): row for row, number in enumerate(layout.pass_index.tolist())}
     travel: Vector = layout.approach[
         [last[number] for number in layout.pass_index[rows].tolist()]
@@ -230,10 +220,8 @@ def _positioning(
 
 
 def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSources:
-    """Return the uncertainty sources of the runs: lengths relative, readings and drift in um.
-
-    The uncertainty of the material's temperature counts only for lengths at 20 C.
-    """
+    """Return the sources of uncertainty of the runs: relative ones for lengths, readings and
+    drift in um. The material's temperature is a source only for lengths at 20 C."""
     direction = np.abs(layout.direction[found.rows[0]])
     grown = float(assumed.reduced_to_20_c) * 1e-6 * assumed.u_grown_um_m()
     cosine = (1e-3 * assumed.alignment_mrad) ** 2 / 2 / np.sqrt(3.0)
@@ -249,7 +237,7 @@ def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSourc
 
 
 def _vdi(found: SetupRuns) -> list[StandardFigures]:
-    """Return the figures of VDI/DGQ 3441; none without two runs in each of both directions."""
+    """Return the figures of VDI/DGQ 3441; none without two runs in each direction."""
     runs = found.runs
     if runs.down_um is None or min(runs.up_um.shape[1], runs.down_um.shape[1]) < 2:
         return []
@@ -257,9 +245,7 @@ def _vdi(found: SetupRuns) -> list[StandardFigures]:
 
 
 def _largest_u(each: Mapping[str, StandardFigures]) -> dict[str, float]:
-    """Return U of the machine's figures by name: the largest U of the corresponding figures of the
-    diagonals.
-    """
+    """Return U of the machine's figures: the largest U of the figures of the diagonals."""
     names = {"E_d": "E", "B_d": "B", "R_d": "R", "A_d": "A"}
     stated = [one.U or {} for one in each.values()]
     return {
@@ -270,6 +256,5 @@ def _largest_u(each: Mapping[str, StandardFigures]) -> dict[str, float]:
 
 
 def _plain(figures: PositioningFigures | DiagonalFigures | VdiFigures) -> dict[str, Any]:
-    """Return the numbers of the figures by name, without numbers that the runs do not determine."""
     values = {field.name: getattr(figures, field.name) for field in fields(figures)}
     return {name: value for name, value in values.items() if isinstance(value, float | str)}

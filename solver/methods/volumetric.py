@@ -1,6 +1,5 @@
-"""The statements of a result about the whole volume: the posterior of the machine, the budget by
-sources, and the expected errors before and after compensation.
-"""
+"""The results for the whole volume: the posterior of the machine, the budget by sources, and the
+expected errors before and after compensation."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -56,25 +55,21 @@ from stepdiag.solver.uncertainty.monte_carlo import monte_carlo
 from stepdiag.solver.uncertainty.spread import Spread
 
 HEAD_URAD = 1.0
-"""Range of the error that remains in an angular function measured by a 4-DOF head, in urad."""
+"""Range of the remaining error of an angular function after measurement by a 4-DOF head, in
+urad."""
 _MOST_OF_SHOWN = 1.5
-"""Largest ratio of the waves in other functions to the wave that a finer run found in one function;
-every ratio from zero to this value is equally likely.
-"""
+"""Largest ratio of the waves in any function to the wave that a finer run showed in one
+function; all ratios from 0 to this value are equally likely."""
 
 
 Machines = tuple[Machine, Machine, Vector]
-"""The whole machine, the part of it that the readings determine, and the covariance of the
-undetermined part (`as_known`).
-"""
+"""The whole machine, the part that the readings determine, and the covariance of the rest."""
 
 
 def with_the_usual(
     found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]
 ) -> Spread:
-    """Return the covariances with the usual sizes for unidentified quantities; unchanged if all
-    quantities are identified.
-    """
+    """Return the covariances with the usual sizes for quantities that are not identified."""
     rows, u = usual_rows(quantities, known, found.assumed)
     return (
         replace(spread, fit=with_usual(spread.fit, found.design, rows, u))
@@ -91,11 +86,10 @@ def make_posterior(
     known: Mapping[str, bool],
     errors: Mapping[str, Function],
 ) -> Posterior:
-    """Return the possible differences between the machine and the reported errors; unidentified
-    quantities have their usual size.
+    """Return the distribution of the differences between the machine and the reported errors.
 
-    ``wider`` are the covariances with unidentified quantities (`with_the_usual`), which give the
-    machine's expected state; ``machines`` come from `as_known`.
+    ``wider`` are the covariances of `with_the_usual`, which give the expected state of the machine;
+    ``machines`` is the result of `as_known`.
     """
     machine, seen, unmeasured = machines
     offset = _offset(machine, wider, spread, errors, known)
@@ -109,8 +103,7 @@ def as_known(
     found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]
 ) -> Machines:
     """Return the whole machine, the part that the readings determine, and the covariance of the
-    undetermined part (`separated`).
-    """
+    rest."""
     first = found.first_cause("angles") if found.shapes.names else 0
     machine = machine_of(
         found.design, found.shapes, first, len(spread.fit.size), found.products
@@ -128,16 +121,15 @@ def volume_shares_um(
     posterior: Posterior,
     u_um: float,
 ) -> dict[str, float]:
-    """Return the root mean square of the error vector over the volume by source of uncertainty (k =
-    1), from the same causes as the posterior.
+    """Return the root mean square length of the error vector over the volume for each source of
+    uncertainty (k = 1).
 
-    ``u_um`` is the combined value of all sources. For unmeasured errors only the usual size is
-    known, within a factor: the remainder of ``u_um`` is their share.
+    ``u_um`` is the combined value. The share of unmeasured errors is the remainder of ``u_um``.
     """
     _, seen, unmeasured = machines
     fields = free_fields_um(seen, found.layout.volume, found.design.chain)
-    # a smaller matrix in place of the fields: its product with the values has the same square sum
-    # as the error vector, as a mean over the points
+    # the product of this smaller matrix with the values has the square sum of the error vector
+    # as a mean over the points
     over = np.sqrt(3.0 / fields.shape[1]) * np.linalg.qr(fields.T, mode="r")
     alone = over @ seen.combination.dense()
     moved = over @ spread.moved(seen.combination, seen.on_causes)
@@ -169,12 +161,9 @@ def _offset(
     errors: Mapping[str, Function],
     known: Mapping[str, bool],
 ) -> Vector:
-    """Return the expected difference between the machine and the report: it consists only of
-    unidentified values, which the report leaves out.
-
-    Without an identified slope a positioning function is still reported, as a shape without the
-    slope.
-    """
+    """Return the expected difference between the machine and the report: the expected values of
+    quantities that are not identified. A positioning function without an identified slope is
+    reported as its shape."""
     expected = (
         machine.combination.times(wider.fit.unknowns) + machine.on_causes @ wider.fit.amount
     )
@@ -204,10 +193,10 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     """Return equally likely sizes of the deviation of each displacement function from the straight
     line in the middle between two targets.
 
-    The bends of a function's values from target to target, as far as they exceed the noise, give
-    this size within a factor. Waves that leave no trace at the targets are assumed in the
-    positioning functions (screw, scale), because no reading gives their size or excludes them. If a
-    finer run shows such waves in one function, other functions may have similar waves.
+    The size is estimated from the bends of the function at the targets, minus the noise. Waves that
+    are zero at the targets are assumed for positioning functions (ball screw, scale), because no
+    reading shows them. If a finer run shows such waves in one function, they are also assumed for
+    all others.
     """
     factor, found, shown = hidden_factors(), {}, shown_finer_um(errors)
     likely, share = (
@@ -216,8 +205,8 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     )
     for name in DISPLACEMENTS:
         function = errors[name]
-        # the values of an unmeasured function are drawn independently, so they are rougher than a
-        # smooth function
+        # the errors of an unmeasured function are drawn independently at each node, so they are
+        # rougher than a smooth function
         arch, within, value = 0.0, 0.0, evenly_spaced(function)
         if len(value) > 2:
             arch, within = arch_um(value, noise_um_of(function))
@@ -238,7 +227,7 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
 
 
 def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
-    """Return the findings about the functions of `coarse_functions` and `hiding_functions`."""
+    """Return the findings about functions whose increments are too coarse."""
     found = []
     if names := coarse_functions(errors):
         found.append(message("increments-coarse", names=names))
@@ -261,11 +250,10 @@ def budget(
     volume: Mapping[str, float],
 ) -> Budget:
     """Return the budget (k = 1): the assumptions, the share of each source in the uncertainty of
-    each function or number, and the combined uncertainty.
+    each quantity, and the combined uncertainty.
 
-    The shares of a function are root mean squares over its nodes; the shares over the ``volume``
-    come first (`volume_shares_um`). Unidentified quantities are left out, because the numbers
-    depend on an arbitrary choice of solution and differ between processors.
+    The shares of a function are root mean squares over its nodes. Quantities that are not
+    identified are omitted, because their values would depend on the processor.
     """
     moved = spread.moved(quantities.combination)
     shares = {READINGS: u_readings, **spread.shares(moved)}
@@ -297,10 +285,9 @@ def _known(quantities: Quantities, known: Mapping[str, bool]) -> dict[str, NDArr
 def drawn_surveys(
     spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, trials: int
 ) -> MonteCarlo:
-    """Return, for each function (rms over its nodes) or number, the standard deviation of simulated
-    surveys and the stated standard uncertainty, and for a number the shortest 95 % interval (JCGM
-    101).
-    """
+    """Return, for each quantity, the standard deviation in simulated surveys (JCGM 101) and the
+    stated standard uncertainty, rms over the nodes of a function. A single number also has its
+    shortest 95 % interval."""
     drawn = monte_carlo(spread, quantities.combination, trials=trials)
     report = {}
     for name, rows in _known(quantities, known).items():
@@ -312,27 +299,22 @@ def drawn_surveys(
 
 
 def volume_report(result: Result, posterior: Posterior) -> tuple[Predicted, float]:
-    """Return the expected errors of the machine as found and after an ideal compensation, and the
-    volumetric uncertainty (rms, k = 1).
-    """
+    """Return the expected errors of the machine before and after an ideal compensation, and the
+    volumetric uncertainty (rms, k = 1)."""
     points = anywhere_mm(result.volume)
     return predicted_with_u(result, posterior, points, -error_field_um(result, points))
 
 
 def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[str, float]:
-    """Return the volumetric uncertainty of the survey (``now``), and the volumetric uncertainty if
-    a head had measured all angular functions within `HEAD_URAD` (``with_head``).
-
-    Unidentified quantities have their usual size (`with_the_usual`), as in ``now_um``; else they
-    would have the values of an arbitrary solution.
-    """
+    """Return the volumetric uncertainty in um as measured (``now``), and for a head that
+    measured all angular functions within `HEAD_URAD` (``with_head``)."""
     if not found.shapes.names:
         return {"now": now_um, "with_head": now_um}
     turning = wider.causes_of(*TURNING)
     usual = float(np.mean(found.shapes.range_urad)) * wider.sizes.factor[wider.group]
     factor = np.where(turning, 2.0 * HEAD_URAD / np.maximum(usual, 2.0 * HEAD_URAD), 1.0)
-    # the sizes of all other causes stay as estimated: with smaller angles the readings would
-    # enlarge these sizes
+    # all other sizes are constant: a new estimate with smaller angles would enlarge
+    # them
     sure = replace(wider.sizes, sought=np.zeros_like(wider.sizes.sought))
     quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)
     machine = machine_of(
