@@ -1,6 +1,6 @@
 """A survey before it is driven: the quantities that it identifies, their uncertainty, and the time
 of the survey.
 
-Input: planned runs. Output: forecasts, and the cheapest runs that identify the missing quantities.
-The package `methods` and `stepdiag` import this package.
+Input: planned runs. Output: forecasts, and the runs of least time that identify the missing
+quantities. The room `methods` and `stepdiag` import this room.
 """

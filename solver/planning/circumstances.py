@@ -1,5 +1,3 @@
-"""The facts about the job of a survey that are not in the survey's plan."""
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import sqrt
@@ -10,7 +8,7 @@ from stepdiag.base.result.result import AXIS_LETTERS, ROTATIONS
 from stepdiag.solver.planning.information import Aim, Zone
 
 USUAL_DWELL_S = 2.0
-"""Averaging time in s of a reading to which the assumed noise belongs."""
+"""Dwell in s for which the assumed noise of a reading is valid."""
 
 PITCH_AND_YAW = tuple(
     name for name in ROTATIONS if name[1] != "ABC"[AXIS_LETTERS.index(name[2])]
@@ -19,14 +17,13 @@ PITCH_AND_YAW = tuple(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Circumstances:
-    """The facts of a job. ``head`` is true if an instrument of angles is available, ``head_turns``
-    are the functions that this instrument measures (pitch and yaw for a 4-DOF head),
-    ``head_u_urad`` is the uncertainty of these functions. ``shift_mm`` is the largest distance of a
-    shifted beam or mirror from its usual line. ``aim`` names the errors that the control's tables
-    can correct, ``zone`` the part of the volume that must be accurate. ``in_step`` are numbers of
-    increments whose targets all meet a wave of the screws at the same phase. ``dwells_s`` are
-    possible dwells besides the planned dwell.
-    """
+    """The conditions of a survey that are not in its plan. ``head`` is True if an instrument for
+    angles is available; ``head_turns`` are the functions that it measures (pitch and yaw for a
+    4-DOF head), ``head_u_urad`` is their uncertainty. ``shift_mm`` is the largest shift of a
+    beam from its usual line. ``aim`` is the kind of tables of the control. ``zone`` is the part
+    of the volume that must be accurate. ``in_step`` are numbers of increments whose targets
+    always have the same phase of a ball screw's wave. ``dwells_s`` are possible dwells in
+    addition to the planned dwell."""
 
     chain: str = "FXYZ"
     assumed: Assumptions = field(default_factory=Assumptions)
@@ -44,9 +41,7 @@ class Circumstances:
         return self.assumed.reading_um * sqrt(USUAL_DWELL_S / dwell_s)
 
     def head_ranges_urad(self, runs: Iterable[Run]) -> dict[str, float]:
-        """Return the range that remains uncertain in each angular function that the runs of the
-        head measure.
-        """
+        """Return the remaining range of each angular function that the head's runs measure."""
         axes = {run.travel.axis.upper() for run in runs if run.is_fourdof}
         names = [name for name in self.head_turns if name[2] in axes]
         return {

@@ -1,6 +1,5 @@
-"""The forecast uncertainty of a survey from the positions of its stops: the model of the adjustment
-needs no readings.
-"""
+"""The forecast uncertainty of a survey, computed from the positions of its stops without
+readings."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -43,10 +42,9 @@ from stepdiag.solver.planning.information import (
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 
 BENT = 6.7
-"""Root mean square, over the travel, of the difference between the smooth curve through n + 1
-targets and the straight lines of a table, divided by shape / n^2. It was computed on random
-functions of five half waves that decrease with their number.
-"""
+"""Difference between the smooth curve through n + 1 targets and the straight lines of a table
+(rms over the travel), divided by shape / n^2. The factor was computed on random functions of
+five half waves whose size decreases with their number."""
 _OF_FEW = {
     1: (0.93, 0.0),
     2: (0.66, 0.20),
@@ -55,23 +53,19 @@ _OF_FEW = {
     5: (0.23, 0.16),
     6: (0.09, 0.15),
 }
-"""Departures of `_between_targets` for few increments, by the number of increments: the power laws
-would give up to twice the departures of random functions.
-"""
+"""Results of `_between_targets` by the number of increments; the power laws are up to twice too
+large for few increments."""
 ALIKE = 0.2
-"""Standard deviation, among machines of one class, of the logarithm of the error that nine
-functions leave between their targets.
-"""
+"""Standard deviation of the logarithm of the error between targets, among machines of one class."""
 _NEXT_TO_NONE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Foresight:
-    """Forecast of the figures that a survey will report, from the information of its setups
-    (`solver.planning.information`); each figure is computed when it is first requested.
+    """The forecast of the results of a survey, from the information of its setups
+    (`solver.planning.information`). Each figure is computed at its first use.
 
-    ``increments`` is the survey's number of increments: the layout may have fewer for the same
-    runs.
+    ``increments`` is the number of increments of the survey; the layout may have fewer.
     """
 
     layout: Layout
@@ -83,7 +77,6 @@ class Foresight:
 
     @cached_property
     def by_setup(self) -> SetupInformation:
-        """Return the information of each setup."""
         return information_by_setup(self.layout, self.chain, self.assumed)
 
     @cached_property
@@ -94,30 +87,26 @@ class Foresight:
 
     @cached_property
     def of(self) -> Machinery:
-        """Return the effect of the unknowns on the machine."""
         return machinery(self.by_setup, self.aim, self.zone)
 
     @cached_property
     def known(self) -> dict[str, bool]:
-        """Return by name whether the survey will identify a quantity."""
+        """Return for each quantity whether the survey will identify it."""
         found = determined(self.by_setup, self.information, usual_sizes_of(self.assumed))
         return {**dict.fromkeys(DISPLACEMENTS, True), **found}
 
     @cached_property
     def u(self) -> dict[str, float]:
-        """Return the standard uncertainties (k = 1) that the adjustment of these stops will state,
-        by name: root mean square over a function's nodes. Unidentified quantities are absent.
-        """
+        """Return the standard uncertainty (k = 1) of each identified quantity, rms over the
+        nodes of a function."""
         found = uncertainties(self.by_setup, self.information, self.of)
         return {name: u for name, u in found.items() if self.known[name]}
 
     @cached_property
     def volumetric_um(self) -> float:
-        """Return the standard uncertainty of the error vector over the volume; the error of a
-        table's straight lines between targets is not included.
-
-        Unidentified quantities may be larger than usual, all by a common factor.
-        """
+        """Return the standard uncertainty of the error vector over the volume, without the error
+        of the straight lines of tables. Quantities that are not identified may be larger than
+        usual by a common factor."""
         larger = np.sqrt(max(float(np.mean(class_factors() ** 2)) - 1.0, 0.0))
         return float(
             np.linalg.norm(
@@ -127,23 +116,20 @@ class Foresight:
 
     @cached_property
     def full(self) -> tuple[float, float]:
-        """Return the root mean square of the unknown error over the volume, and its degrees of
-        freedom, if all unidentified errors have their usual size.
-        """
+        """Return the unknown error over the volume (rms) and its degrees of freedom, with the
+        usual size of all quantities that are not identified."""
         return self.of.over(self.information, self.of.precision(self.usual_u))
 
     @cached_property
     def usual_u(self) -> Vector:
         """Return the usual size for each of the machine's usual rows, infinite for an identified
-        error: the adjustment does not limit identified errors.
-        """
+        quantity."""
         return np.where(self.missed[0], self.of.usual_u, np.inf)
 
     @cached_property
     def missed(self) -> tuple[NDArray[np.bool_], float]:
-        """Return a mask of the usual rows of unidentified errors, and the root mean square of these
-        errors over the volume.
-        """
+        """Return a mask of the usual rows of quantities that are not identified, and the rms of
+        their errors over the volume."""
         missing = np.array(
             [not self.known.get(name, True) for name in self.of.usual_names], dtype=np.bool_
         )
@@ -151,23 +137,21 @@ class Foresight:
 
     @property
     def curved_um(self) -> float:
-        """Return the usual departure of all functions, between targets, from the smooth curve
-        through the targets, in um.
-        """
+        """Return the usual deviation of all functions from the smooth curve through their
+        targets in um."""
         return (
             float(np.sqrt(9.0)) * self.assumed.shape_um * _between_targets(self.increments)[0]
         )
 
     @property
     def hidden_um(self) -> float:
-        """Return the usual size of waves that are too short for the targets, in um."""
+        """Return the usual size of waves that are too short for the targets in um."""
         return float(np.sqrt(3.0 * BETWEEN_SHARE)) * self.assumed.between_um
 
     @cached_property
     def left_um(self) -> Interval:
-        """Return the predicted remaining error after an ideal compensation (k = 2): the figure that
-        `solver.result.prediction` computes after the survey.
-        """
+        """Return the predicted error after an ideal compensation (k = 2), as
+        `solver.result.prediction` computes it after the survey."""
         u, of = self.usual_u, self.of
         both, freedom = self.full
         quiet = of.over(self.information, of.precision(u, _NEXT_TO_NONE))[0]
@@ -212,19 +196,16 @@ class Foresight:
 
     @cached_property
     def unseen(self) -> UnseenSlip | None:
-        """Return the most harmful slip of the laser's count on a diagonal that would stay unnoticed
-        (`slips_report`), None without a diagonal. It is computed only for surveys that the user
-        sees.
-        """
+        """Return the most harmful undetected slip of the laser's count on a diagonal
+        (`slips_report`), None without a diagonal."""
         if not any(setup.kind in KINDS["diagonals"] for setup in self.layout.setups):
             return None
         found = slips_report(self._mixed[0], self.layout, self._mixed[1], ["diagonals"])
         return found.diagonals if found else None
 
     def hides(self) -> Words:
-        """Return the words for the size of a slip that may stay unnoticed in a diagonal and the
-        slip's effect on the volume; empty without a diagonal.
-        """
+        """Return the words for the size of an undetected slip and its effect on the volume;
+        empty without a diagonal."""
         if self.unseen is None:
             return ""
         half_um, volume_um = self.unseen.half_um, self.unseen.volume_um
@@ -234,9 +215,8 @@ class Foresight:
 
 
 def bent_um(assumed: Assumptions, increments: int) -> float:
-    """Return the departure of the nine functions, between targets, from the straight lines of
-    tables: a root mean square over the volume in um.
-    """
+    """Return the deviation of the nine functions from the straight lines of tables between
+    targets, rms over the volume in um."""
     return (
         float(np.sqrt(9.0))
         * assumed.shape_um
@@ -245,10 +225,8 @@ def bent_um(assumed: Assumptions, increments: int) -> float:
 
 
 def _between_targets(increments: int) -> tuple[float, float]:
-    """Return two departures of a function between its targets, both divided by the function's
-    shape: the departure of the function from the smooth curve through the targets, and of this
-    curve from the straight lines between targets.
-    """
+    """Return the deviation of a function from the smooth curve through its targets, and of this
+    curve from the straight lines between targets, both divided by the shape of the function."""
     return _OF_FEW.get(increments, (CURVED / increments**3, BENT / increments**2))
 
 
@@ -282,11 +260,10 @@ def _left_um(
     """Return the median and the 95 % interval of the remaining error, over the likely sizes of
     angles and hidden waves and over the machines of a class.
 
-    The arguments in um are root mean squares over the volume: of the identified errors, of the
-    unidentified errors, of the usual effect of angles, of the usual waves between targets, and of a
-    table's error between targets (``bent_um``). ``freedom`` belongs to the sum of these parts. The
-    error between targets depends on shapes that no reading shows yet, which scatter by `ALIKE`
-    among machines of a class.
+    The arguments in um are rms over the volume: identified errors, errors that are not identified,
+    usual effect of the angles, usual waves between targets, and the error of a table between
+    targets (``bent_um``). ``freedom`` are the degrees of freedom of their sum. The error between
+    targets has the standard deviation `ALIKE` among machines of a class.
     """
     factor = likely_factors()
     chance = normal_points(len(factor)) / np.sqrt(2.0 * freedom)
@@ -295,7 +272,7 @@ def _left_um(
         hidden_um * np.roll(hidden_factors(), len(factor) // 2)[:, None],
     )
     missed = missed_um * class_factors()[:, None]
-    # the order of these sizes correlates neither with the sizes of the angles nor with the other
+    # the order of these sizes has no correlation with the sizes of the angles and of the other
     # parts
     machines = np.exp(ALIKE * normal_points(len(factor)))[
         np.arange(len(factor)) * 4 % len(factor), None

@@ -1,8 +1,8 @@
-"""The quantities that a survey does not identify, and the cheapest runs that would identify these.
+"""The quantities that a survey does not identify, and the runs of least time that would identify
+them.
 
 Identifiability depends on setups and beam lines, not on the number of increments (theory 5.1: no
-difference for n = 1 .. 20). The advice is therefore computed for the same setups with a few
-increments, in milliseconds for any survey.
+difference for n = 1 .. 20). It is therefore computed with few increments, in milliseconds.
 """
 
 from collections.abc import Sequence
@@ -28,9 +28,8 @@ COARSE = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """Runs that would identify the missing quantities, and the minutes of these runs with usual
-    set-up times.
-    """
+    """Additional runs that identify the missing quantities, and their minutes with usual set-up
+    times."""
 
     runs: tuple[Run, ...]
     minutes: float
@@ -39,11 +38,11 @@ class Advice:
 def cheapest_runs(
     layout: Layout, chain: str, model: Model, missing: Sequence[str]
 ) -> Advice | None:
-    """Return the runs whose addition to the survey identifies all quantities of ``missing`` (names
-    of `reported`); None if no usual run helps.
+    """Return the additional runs that identify all quantities of ``missing`` (names of `reported`),
+    or None if no usual run helps.
 
-    Runs are added one by one: first the run that identifies most quantities a minute, or if none
-    does, the run that determines most of the undetermined combinations.
+    Runs are chosen one by one: the run that identifies most quantities per minute, or if no run
+    identifies any, the run that determines most combinations of the unknowns.
     """
     survey = _coarse(layout)
     design = build_design(
@@ -65,12 +64,8 @@ def cheapest_runs(
 
 
 def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the angular functions whose shape the readings determine without an
-    assumption about the size (theory 5.2).
-
-    A survey with one beam line for each setup determines none of these functions, so nothing is
-    computed for it.
-    """
+    """Return the angular functions whose shape the readings determine without an assumption
+    about their size (theory 5.2). A survey with one beam line for each setup determines none."""
     if not names or all(setup.shift == 0 for setup in layout.setups):
         return ()
     survey = _coarse(layout)
@@ -86,18 +81,15 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
 
 
 class Seen(NamedTuple):
-    """Quantities that a survey determines without an assumption about the size of the angles, and
-    the number of undetermined combinations of all unknowns.
-    """
+    """The quantities that a survey determines without assumptions about angles, and the number
+    of combinations of all unknowns that it does not determine."""
 
     known: dict[str, bool]
     hidden: int
 
 
 def identified_with_angles(layout: Layout, chain: str) -> Seen:
-    """Return the quantities that the stops of a survey determine if all 18 functions are
-    unknown.
-    """
+    """Return the quantities that a survey determines if all 18 functions are unknown."""
     design = build_design(layout, chain, Model(angles=True))
     inverse = _seen(design)
     found = quantities(design.columns, design.volume)
@@ -113,7 +105,6 @@ def _seen(design: Design) -> Inverse:
 
 
 def _coarse(layout: Layout) -> Plan:
-    """Return a plan with the setups of a survey and few increments."""
     runs = []
     for index, setup in enumerate(layout.setups):
         row = int(np.argmax(layout.setup_index == index))
@@ -162,9 +153,8 @@ def _choose(
 
 
 def _hidden(missing: Quantities, null: Vector) -> int:
-    """Return the number of independent combinations of the missing quantities that lie in the null
-    space, so that the readings do not determine them.
-    """
+    """Return the number of independent combinations of the missing quantities that the readings
+    do not determine."""
     if not null.shape[1]:
         return 0
     largest = max(float(np.max(np.abs(missing.combination.value))), 1.0)
@@ -173,9 +163,8 @@ def _hidden(missing: Quantities, null: Vector) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
-    """A possible further run: its rows for the machine's unknowns, and its rows for the run's own
-    unknowns (``nuisance``).
-    """
+    """A possible additional run: its rows for the unknowns of the machine, and its rows for its
+    own unknowns (``nuisance``)."""
 
     minutes: float
     machine: Vector
@@ -192,7 +181,7 @@ class _Candidate:
         return cls(run_minutes(plan, run), machine, rows[:, own.columns.machine :])
 
     def narrow(self, null: Vector) -> Vector:
-        """Return the part of a null space that stays undetermined after this run."""
+        """Return the part of a null space that is still not determined after this run."""
         seen = np.hstack([self.machine @ null, self.nuisance])
         scale = np.linalg.norm(seen, axis=0)
         scale = np.where(scale > NULL_TOLERANCE, scale, 1.0)
@@ -205,9 +194,8 @@ class _Candidate:
 
 
 def _usual_runs(model: Model) -> Sequence[Run]:
-    """Return the runs that a service engineer can add, with a return pass only if reversal is an
-    unknown.
-    """
+    """Return the runs that can be added to a survey, with a return pass if reversal is an
+    unknown."""
     return [
         Run(setup=name, return_pass=model.reversal)
         for name in (*LINEAR_RUNS, *BODY_DIAGONALS, *FACE_DIAGONALS)

@@ -1,28 +1,27 @@
-"""Information of each setup of a survey about the machine, as a matrix: the information of a plan
-is the sum of the matrices of its setups.
+"""The information of each setup about the machine, as a matrix. The information of a plan is the
+sum over its setups.
 
-A reading is ``y = A m + N f + P c + e`` (`solver.model.design`, `solver.model.effects`): ``m`` are
-the unknowns common to all setups (displacements at the nodes, amplitudes of the angular functions,
-backlash at first stops, the wavelength, the material), ``f`` a setup's own unknowns of any size
-(zero of each count, tilt of the mirror, drift between an outward pass and its return), ``c`` the
-setup's own unknowns of a usual size (drift, wander, scale of the setup, misses of the moves, waves
-between the nodes), ``e`` noise of variance ``1 / w``. With ``W = [N P]`` and the precision D of
-these own unknowns (zero for f, 1 / size^2 for c) the information of a setup about m is (Schur
-complement of its own unknowns, Searle, Casella, McCulloch 1992, 7.4)
+A reading is ``y = A m + N f + P c + e`` (`solver.model.design`, `solver.model.effects`). ``m`` are
+the unknowns that all setups share: displacements at the nodes, angular functions, backlash at first
+stops, wavelength, material. ``f`` are unknowns of one setup with any size: zeros of the counts,
+mirror tilt, drift. ``c`` are unknowns of one setup with a usual size: drift, wander, scale of the
+setup, misses of the moves, waves between the nodes. ``e`` is noise with the variance ``1 / w``.
+With ``W = [N P]`` and the precision D of f and c (zero for f, 1 / size^2 for c), the information of
+a setup about m is the Schur complement (Searle, Casella, McCulloch 1992, 7.4)
 
     J = A' w A - A' w W (W' w W + D)^-1 W' w A
 
-No two setups share any of f, c, e, so that J adds over setups and is computed once for each setup.
-With the precision Q of the usual sizes of the machine's class the covariance of m is ``C = (J_1 +
-J_2 + .. + Q)^-1``: one inversion for some 190 unknowns, in a millisecond, gives the uncertainty
-after the survey. Q limits every function to its usual size, so a further setup never increases C.
+No two setups share f, c or e, so J is computed once for each setup and summed. With the precision Q
+of the usual sizes of the machine's class, the covariance of m after the survey is ``C = (J_1 + J_2
++ .. + Q)^-1``: one inversion for about 190 unknowns takes a millisecond. Q limits every function to
+its usual size, so an additional setup never increases C.
 
-``K m`` are the values of the machine's functions, and F the effect of a unit of each value on the
-error at points of the volume, without rigid motion. This error is ``F' K m``; its mean square is
-``tr(C H) + floor`` with ``H = K' F F' K``. A control with nine tables corrects only the functions
-of a single axis: with the projection T of a field on the space of tables, ``H = K' F T F' K``, and
-the floor is the effect of the usual angular functions that remains after any survey. A control with
-a lattice table has no floor.
+``K m`` are the values of the machine's functions. F is the effect of one unit of each value on the
+error at points of the volume, without rigid motion. The mean square of this error is ``tr(C H) +
+floor`` with ``H = K' F F' K``. A control with nine tables corrects only functions of one axis: with
+the projection T of an error on the errors that such tables can correct, ``H = K' F T F' K``, and
+the floor is the usual effect of angular functions outside this projection. A control with a lattice
+table has no floor.
 """
 
 from collections.abc import Mapping
@@ -64,21 +63,18 @@ from stepdiag.solver.uncertainty.machine import (
 Aim = Literal["lattice", "tables"]
 Zone = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 COMMON = {FIRST_STOPS: 3, "air": 1, "material temperature": 6, GROWTH: 0}
-"""The effects, other than the angles, that all setups share, and the number of causes of each
-effect in a layout that does not contain the effect.
-"""
+"""The random effects that all setups share, except angles, and their number of columns if the
+layout does not contain them."""
 _FREE, _ANYTHING_UM, _ANY_TURN_UM = 1e-6, 1e4, 1e3
-"""Precision of unknowns of any size, which makes a matrix without information regular; size in um
-of displacements, and size of rotations of the whole machine, that no reading determines. With
-larger sizes rounding would exceed 1e-8.
-"""
+"""Precision of unknowns of any size, which makes a matrix without information regular; prior
+size in um of displacements that no reading determines; prior size of rotations of the whole
+machine. Larger sizes would cause rounding errors above 1e-8."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SetupInformation:
-    """The information of each setup of a layout, in the layout's order, shape (setups, q, q), and
-    the meaning of the q unknowns.
-    """
+    """The information of each setup of a layout, shape (setups, q, q), and the model of the q
+    unknowns."""
 
     each: Vector
     design: Design
@@ -90,8 +86,7 @@ def information_by_setup(
     layout: Layout, chain: str, assumed: Assumptions
 ) -> SetupInformation:
     """Return the information of each setup of a layout. Raises ``UsageError`` for an invalid
-    chain.
-    """
+    chain."""
     design = build_design(layout, chain, Model(misses=assumed.repeatability_um > 0.0))
     shapes = angle_shapes(layout, {}, assumed)
     effects = (
@@ -118,9 +113,7 @@ def information_by_setup(
 
 
 def _common(layout: Layout, effects: tuple[Effect, ...]) -> Vector:
-    """Return the patterns of the effects that all setups share, shape (m, causes), those of the
-    angles first.
-    """
+    """Return the random effects that all setups share, shape (m, columns), angles first."""
     patterns = {effect.name: effect.pattern_um for effect in effects}
     turning = [patterns[name] for name in TURNING if name in patterns]
     return np.hstack(
@@ -169,14 +162,13 @@ def _information(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Machinery:
-    """Connection of a survey's unknowns m with the machine: the machine's values ``K m``, the error
-    over the volume, and the usual sizes.
+    """The relation between the unknowns m of a survey and the machine.
 
     ``values`` (k, q) is K for the values of ``machine``. ``fields`` (k, 3 points) is F, projected
-    on the errors that the tables of the aim can correct; ``floor_um`` is the error outside this
-    projection. ``usual`` (r, q) are combinations expected to be zero within ``usual_u`` (r,), with
-    the names ``usual_names``. ``causes`` (q,) is the precision of unknowns with a usual size, 0 for
-    displacements; ``turning`` (q,) marks the unknowns of the angles.
+    on the errors that the tables can correct; ``floor_um`` is the error outside this projection.
+    ``usual`` (r, q) are combinations that are zero within ``usual_u`` (r,), with the names
+    ``usual_names``. ``causes`` (q,) is the precision of unknowns with a usual size, 0 for
+    displacements. ``turning`` (q,) marks the unknowns of the angles.
     """
 
     machine: Machine
@@ -190,12 +182,11 @@ class Machinery:
     turning: NDArray[np.bool_]
 
     def precision(self, u: Vector | None = None, angles: float = 1.0) -> Vector:
-        """Return the prior precision Q, shape (q, q), of the unknowns, with the usual sizes of the
-        angles multiplied by a factor.
-        """
+        """Return the prior precision Q, shape (q, q), with the usual sizes of the angles
+        multiplied by ``angles``."""
         scaled = self.usual / (self.usual_u if u is None else u)[:, None]
-        # no reading shows the rotation of the machine as a whole, and no figure contains it: it may
-        # have any size
+        # no reading shows a rotation of the whole machine, and no result contains it: its size is
+        # free
         of_causes = (
             _ANY_TURN_UM**-2 * (self.causes == 0.0)
             + self.causes / np.where(self.turning, angles, 1.0) ** 2
@@ -205,23 +196,19 @@ class Machinery:
 
     @property
     def seen(self) -> Vector:
-        """Return H over the number of points, shape (q, q): ``tr(C H)`` is then the mean square
-        error over the volume.
-        """
+        """Return H, shape (q, q), scaled so that ``tr(C H)`` is the mean square error over the
+        volume."""
         across = self.values.T @ self.fields
         matrix: Vector = across @ across.T * 3.0 / self.fields.shape[1]
         return matrix
 
     def over(self, information: Vector, precision: Vector) -> tuple[float, float]:
-        """Return the root mean square over the volume of the unknown error, in um, and the degrees
-        of freedom of this error.
-        """
+        """Return the unknown error over the volume (rms) in um, and its degrees of freedom."""
         covariance = self.values @ inverse(information + precision) @ self.values.T
         return over_volume(0.5 * (covariance + covariance.T), self.fields)
 
 
 def inverse(matrix: Vector) -> Vector:
-    """Return the inverse of a positive definite matrix."""
     found = np.linalg.inv(matrix)
     symmetric: Vector = 0.5 * (found + found.T)
     return symmetric
@@ -230,9 +217,8 @@ def inverse(matrix: Vector) -> Vector:
 def machinery(
     found: SetupInformation, aim: Aim = "lattice", zone: Zone | None = None
 ) -> Machinery:
-    """Return the connection of the unknowns with the machine; ``zone`` is the part of the volume
-    that must be accurate (None: the whole volume).
-    """
+    """Return the relation between the unknowns and the machine; ``zone`` is the part of the
+    volume that must be accurate, None for all of it."""
     design, shapes, assumed = found.design, found.shapes, found.assumed
     turning = len(shapes.names) * (shapes.waves + 1)
     displacements = design.columns.machine
@@ -275,10 +261,9 @@ def _fields(
     aim: Aim,
     zone: Zone | None,
 ) -> tuple[Vector, Vector]:
-    """Return the effect of a unit of each machine value on the error at points of the volume,
-    without rigid motion, shapes (k, 3 points): first the part that the tables of the aim can
-    correct, then the other part.
-    """
+    """Return the effect of one unit of each machine value on the error at points of the volume,
+    without rigid motion, shapes (k, 3 points): the part that the tables can correct, and the
+    rest."""
     points = anywhere_mm(volume)
     machine = Machine(
         names=names,
@@ -305,11 +290,11 @@ def _fields(
 def determined(
     found: SetupInformation, information: Vector, usual: Mapping[str, float]
 ) -> dict[str, bool]:
-    """Return by name whether a survey, if the angles were known, would determine a quantity with an
-    uncertainty below the quantity's ``usual`` size.
+    """Return for each quantity whether a survey with known angles would determine it with an
+    uncertainty below its ``usual`` size.
 
-    Usual sizes are in um, urad and um/m. Displacements get a prior of `_ANYTHING_UM`, which is the
-    uncertainty of an undetermined part.
+    Usual sizes are in um, urad and um/m. Displacements have a prior of `_ANYTHING_UM`, so this is
+    the uncertainty of a part that no reading determines.
     """
     names, displacements = reported(found.design), found.design.columns.machine
     own = (
@@ -325,9 +310,8 @@ def determined(
 def uncertainties(
     found: SetupInformation, information: Vector, of: Machinery
 ) -> dict[str, float]:
-    """Return by name the standard uncertainty of each quantity (root mean square over a function's
-    nodes), from the readings and the usual sizes of causes.
-    """
+    """Return the standard uncertainty of each quantity (rms over the nodes of a function), from
+    the readings and the usual sizes of random effects."""
     names, displacements = reported(found.design), found.design.columns.machine
     precision = of.precision(np.full(len(of.usual_u), np.inf))
     covariance = inverse(information + precision)[:displacements, :displacements]

@@ -1,10 +1,9 @@
-"""The forecast of a survey and of its minutes before it is driven, and the alternative surveys that
-are worth their time.
+"""The forecast of a survey and of its minutes, and other surveys with a smaller remaining error.
 
-A forecast needs no reading: the model of the adjustment follows from the positions of the stops,
-and the forecast uncertainty over the volume equals that in the result of the survey. Unidentified
-quantities have the usual sizes of the machine's class (`Assumptions`), so that a run that
-identifies such a quantity has a gain, and no run makes a forecast worse.
+A forecast needs no reading: the positions of the stops determine the model of the adjustment. The
+forecast uncertainty over the volume is that of the result. Quantities that are not identified have
+the usual sizes of the machine's class (`Assumptions`), so that no additional run makes a forecast
+worse.
 """
 
 from collections.abc import Sequence
@@ -24,38 +23,31 @@ from stepdiag.solver.planning.identifiability import Seen, identified_with_angle
 from stepdiag.solver.planning.search import Search
 
 WORTH = 0.95
-"""Largest ratio of the remaining error of a longer survey to that of a shorter survey at which the
-longer survey is worth its time.
-"""
+"""A longer survey is useful if its remaining error is below this share of the error of the
+shorter survey."""
 MOST_NAMED = 7
 SHORTEST_MIN, LONGEST_MIN, LONGER = 90.0, 300.0, 1.3
-"""Shortest and longest time in minutes for which surveys are sought, and the ratio of each such
-time to the time before.
-"""
+"""Shortest and longest time limit in minutes of the search, and the ratio of successive limits."""
 MAX_INCREMENTS = 20
-"""Largest number of increments in a forecast, even for a finer survey: beyond it angular functions
-have no further waves (`effects.MOST_WAVES`), and the uncertainty at a node hardly depends on the
-number of nodes.
-"""
+"""Largest number of increments in a forecast. With more increments angular functions have no
+additional waves (`effects.MOST_WAVES`), and the uncertainty at a node is nearly constant."""
 HALVINGS = 2
-"""Number of halvings of the time interval between a survey that reaches the target uncertainty and
-a shorter survey that does not.
-"""
+"""Number of bisections of the time between a survey that reaches the target uncertainty and a
+shorter survey that does not."""
 FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forecast:
-    """The forecast of a planned survey; each figure is computed when it is first requested.
+    """The forecast of a planned survey; each figure is computed at its first use.
 
-    ``u`` is the combined standard uncertainty by name in um, urad or um/m: the root mean square
-    over a function's nodes, None for an unidentified quantity. ``angles`` is "solved" if the
-    readings determine all angular functions, else "assumed". ``volumetric_um`` is the root mean
-    square over the volume of the error vector's uncertainty (k = 1), without rigid motion.
-    ``left_um`` is the remaining error after an ideal compensation (rms, k = 2): the figure that the
-    result and ``verify`` predict after the survey. ``hidden`` is the number of independent
-    combinations of the unknowns that no reading contains, if the angular functions are unknowns
-    too.
+    ``u`` is the combined standard uncertainty of each quantity in um, urad or um/m, rms over the
+    nodes of a function, None if it is not identified. ``angles`` is "solved" if the readings
+    determine all angular functions, else "assumed". ``volumetric_um`` is the uncertainty of the
+    error vector over the volume (rms, k = 1), without rigid motion. ``left_um`` is the remaining
+    error after an ideal compensation (rms, k = 2), as the result and ``verify`` predict it.
+    ``hidden`` is the number of combinations of all unknowns, including angular functions, that no
+    reading shows.
     """
 
     plan: Plan
@@ -70,7 +62,6 @@ class Forecast:
 
     @cached_property
     def ahead(self) -> Foresight:
-        """Return the forecast figures of the survey."""
         return Foresight(
             layout=self.layout,
             chain=self.about.chain,
@@ -91,26 +82,23 @@ class Forecast:
 
     @property
     def resolved(self) -> tuple[str, ...]:
-        """Return the names of the functions that the laser's readings determine."""
+        """Return the functions that the laser's readings determine."""
         return tuple(name for name in FUNCTIONS if self._free.known[name])
 
     @property
     def angles(self) -> Literal["assumed", "solved"]:
-        """Return whether the size of the angular functions is assumed or the readings solve
-        them.
-        """
         return "solved" if self.resolves_all else "assumed"
 
     @property
     def u(self) -> dict[str, float | None]:
-        """Return the combined standard uncertainty of each quantity by name."""
+        """Return the combined standard uncertainty of each quantity."""
         return {
             name: self.ahead.u.get(name) for name in (*FUNCTIONS, *SQUARENESS, *AXIS_LETTERS)
         }
 
     @property
     def volumetric_um(self) -> float:
-        """Return the root mean square over the volume of the error vector's uncertainty."""
+        """Return the uncertainty of the error vector over the volume (rms)."""
         return self.ahead.volumetric_um
 
     @property
@@ -120,18 +108,18 @@ class Forecast:
 
     @property
     def resolves_all(self) -> bool:
-        """Return whether the laser's readings alone determine all 18 functions."""
+        """Return whether the laser's readings determine all 18 functions."""
         return set(self.resolved) == set(FUNCTIONS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """The forecast of the planned survey, and at most `MOST_NAMED` other surveys that are worth
-    their time (`WORTH`), the shortest first.
+    """The forecast of the planned survey, and at most `MOST_NAMED` other surveys, each with less
+    than `WORTH` of the remaining error of the next shorter one, the shortest first.
 
-    ``best`` is the survey for the requested time or target uncertainty, None without a request or
-    without such a survey. ``with_head`` is the requested (else the planned) survey with a run of a
-    4-DOF head along each axis; None if the head has no gain or is already planned.
+    ``best`` is the survey for the requested time or target uncertainty, None if there is none.
+    ``with_head`` is the requested or planned survey with a 4-DOF run along each axis, None if this
+    has no gain or is already planned.
     """
 
     forecast: Forecast
@@ -141,9 +129,8 @@ class Advice:
 
     @property
     def next(self) -> Forecast | None:
-        """Return the shortest survey of ``front`` that is worth its time compared with the planned
-        survey; None without such a survey.
-        """
+        """Return the shortest survey of ``front`` with less than `WORTH` of the remaining error
+        of the planned survey, or None."""
         better = (
             one
             for one in self.front
@@ -159,9 +146,8 @@ def plan(
     available_min: float | None = None,
     target_um: float | None = None,
 ) -> Advice:
-    """Return the forecast of a survey, the surveys worth their time, and the best survey within
-    ``available_min``, or the shortest survey that reaches ``target_um``.
-    """
+    """Return the forecast of a survey, other useful surveys, and the best survey within
+    ``available_min`` or the shortest survey that reaches ``target_um``."""
     about = about or Circumstances()
     now = forecast(survey, about)
     search = Search(survey, about)
@@ -193,10 +179,8 @@ def _found(
     limits_min: Sequence[float],
     target_um: float | None = None,
 ) -> list[Forecast]:
-    """Return the best surveys within some limits of time. The series ends when a survey reaches the
-    target, or when the last two surveys are not worth their time; without a target the last limit
-    is always tried.
-    """
+    """Return the best surveys within some time limits. The search ends at the target, or after
+    two surveys without a useful gain; without a target the last limit is always included."""
     found: list[Forecast] = []
     for limit in limits_min:
         if target_um is not None and found and found[-1].left_um.value_um <= target_um:
@@ -222,9 +206,7 @@ def _worth(found: list[Forecast]) -> tuple[Forecast, ...]:
 def _down_to(
     search: Search, about: Circumstances, found: list[Forecast], target_um: float
 ) -> Forecast | None:
-    """Return the shortest survey whose remaining error is within the target; None if no survey
-    reaches the target.
-    """
+    """Return the shortest survey whose remaining error is within the target, or None."""
     reaching = [one for one in found if one.left_um.value_um <= target_um]
     if not reaching:
         return None
@@ -246,8 +228,7 @@ def _down_to(
 
 def forecast(survey: Plan, about: Circumstances) -> Forecast:
     """Return the forecast of a planned survey. Raises ``UsageError`` for a plan without a run of
-    the laser.
-    """
+    the laser."""
     coarse = replace(
         survey,
         volume=replace(

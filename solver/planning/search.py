@@ -1,17 +1,17 @@
-"""Search of the best survey for any time, by exchange: each step adds a beam line, removes a line
-or replaces a line by another (Fedorov 1972, Cook and Nachtsheim 1980).
+"""Search of the best survey within a time limit, by exchange: each step adds a beam line, removes a
+line, or replaces a line by another line (Fedorov 1972, Cook and Nachtsheim 1980).
 
-The information of lines adds up (`solver.planning.information`), so only the choice of lines has to
-be searched. If C is the covariance of the unknowns without a line of information ``B B'``, the line
-lowers the mean square error over the volume, ``tr(C H)`` with H of that module, by
+The information of lines is summed (`solver.planning.information`), so the search chooses lines
+only. C is the covariance of the unknowns without a line; ``B B'`` is the information of this line.
+With H of that module, the line reduces the mean square error over the volume, ``tr(C H)``, by
 
     tr((1 + B' C B)^-1 B' C H C B)                 (1 - B' C B for its removal)
 
-which is computed for all possible lines at once. Minutes come from the user: the first line of a
-setup costs the time of setting up, a further line of the same travel the time of a shift. For the
-chosen lines the search then chooses the number of passes, the orders of axes, the number of
+which is computed for all possible lines at once. The user states the minutes: the first line of a
+setup costs the set-up time, each further line of the same travel the time of a shift. For the
+chosen lines, the search then chooses the number of passes, the orders of axes, the number of
 increments and the dwell, and continues the exchange. Lines are compared with few increments
-(`COARSE`), because the ranking of lines does not depend on the number of increments.
+(`COARSE`), because their ranking does not depend on the number of increments.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -39,36 +39,29 @@ from stepdiag.solver.planning.information import inverse
 
 COARSE, MIDDLE = 6, 10
 INCREMENTS = range(8, 21)
-"""Possible numbers of increments: fewer increments leave too large an error between the targets,
-more increments have no gain.
-"""
+"""Possible numbers of increments: with fewer increments the error between targets is too large,
+and more increments have no gain."""
 ORDERS = ("xyz", "yzx", "zxy")
-"""Orders of axes that setups and repeats use in turn: the change of order costs no time and shows
-more of the angles (theory 5.2).
-"""
+"""Orders of axes that setups and repetitions use in turn: a change of order costs no time and
+shows more of the angles (theory 5.2)."""
 LEAST_MISSED = 6
-"""Number of the least valuable lines tried for removal in each exchange."""
+"""Number of the least useful lines whose removal is computed in each exchange."""
 LEAST_GAIN = 3e-3
 """Smallest gain of an exchange, as a share of the mean square error."""
 TOGETHER = 8
-"""Number of lines whose patterns are computed in one matrix; a larger number wastes memory on
-zeros, because no two lines share causes.
-"""
+"""Number of lines whose random effects are computed in one matrix; more lines would need more
+memory."""
 KEPT = 2
-"""Number of choices of lines whose covariance is kept in memory: the next exchange begins with one
-of these choices.
-"""
+"""Number of choices of lines whose covariance is kept in memory for the next exchange."""
 _NOTHING = 1e-10
-"""Share of the largest component of the mean square error below which a component is rounding."""
 _TOLD = 1e-3
-"""Precision (1 / um^2) below which the information of a line is neglected: it corresponds to an
-uncertainty of 30 um.
-"""
+"""Precision (1 / um^2) below which the information of a line is neglected: an uncertainty of 30
+um."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ways:
-    """A way of driving all lines of a survey: repeats, passes, orders of axes and dwell."""
+    """The passes of all lines of a survey: repetitions, directions, orders of axes and dwell."""
 
     repeats: int
     return_pass: bool
@@ -82,7 +75,7 @@ class Ways:
         return self.repeats * (1 + self.return_pass)
 
     def of(self, run: Run) -> Run:
-        """Return a run with the repeats, passes and orders of axes of this way of driving."""
+        """Return a run with these repetitions, directions and orders of axes."""
         orders = self.axis_orders if setup_of(run.setup).kind in ("step", "face") else ()
         return replace(
             run,
@@ -94,9 +87,8 @@ class Ways:
 
 
 def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
-    """Return the possible ways of driving a survey, the simplest first: one pass in one direction,
-    with the planned dwell.
-    """
+    """Return the possible kinds of passes, the simplest first: one pass in one direction with
+    the planned dwell."""
     return [
         Ways(
             repeats=repeats,
@@ -118,10 +110,9 @@ def every_way(dwell_s: float, about: Circumstances) -> list[Ways]:
 
 
 def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
-    """Return every possible line as a run of one pass: body diagonals and body diagonals with a
-    shifted beam, face diagonals at the low end, in the middle and at the high end of the standing
-    axis, runs along all four edges; and, with a head, the head's lines.
-    """
+    """Return every possible line as a run of one pass: body diagonals, also with a shifted beam;
+    face diagonals at the low end, the middle and the high end of the standing axis; runs along
+    all four edges; and the lines of an available head."""
     size = np.array(survey.volume.size_mm)
     lines: list[tuple[str, tuple[float, float, float]]] = []
     for name in BODY_DIAGONALS:
@@ -148,7 +139,6 @@ def offered(survey: Plan, about: Circumstances) -> tuple[Run, ...]:
 
 
 def _travels(volume: Volume, run: Run) -> bool:
-    """Return whether the volume has a length along every axis that a run travels."""
     return all(
         has or not sign for has, sign in zip(volume.travelled, run.travel.signs, strict=True)
     )
@@ -166,15 +156,14 @@ def _triple(values: Vector) -> tuple[float, float, float]:
 
 
 def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -> Plan:
-    """Return the plan of a survey along the given lines, grouped by travel; the name of a setup on
-    a shifted line gets a number.
-    """
+    """Return the plan of a survey along some lines, sorted by travel; the name of a setup on a
+    shifted line has a number."""
     runs: list[Run] = []
     number: dict[str, int] = {}
     usual = {run.travel.base for run in lines if not any(run.beam_offset_mm)}
 
     def place(run: Run) -> tuple[bool, int, tuple[float, float, float]]:
-        # a survey file names the setups on their usual lines first, then the setups on shifted
+        # a survey file contains the setups on their usual lines first, then the setups on shifted
         # lines
         base = run.travel.base
         return base not in usual, DRIVEN_SETUPS.index(base), run.beam_offset_mm
@@ -204,9 +193,8 @@ def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -
 @dataclass(frozen=True, slots=True)
 class _Through:
     """Products of each line's factors B with the covariance C after a choice of lines: ``inner``
-    B'CB, ``shown`` B'Ch, ``across`` B'C, shapes (lines, r, ..); and the mean square error over the
-    volume that remains after the choice.
-    """
+    B'CB, ``shown`` B'Ch, ``across`` B'C, shapes (lines, r, ..); and the mean square error over
+    the volume after the choice."""
 
     square_um2: float
     inner: Vector
@@ -215,8 +203,7 @@ class _Through:
 
     def without(self, line: int, factors: Vector) -> "_Through":
         """Return the products for the choice without one of its lines; ``across`` is not
-        updated.
-        """
+        updated."""
         count, rank, size = self.across.shape
         lost = np.linalg.inv(np.eye(rank) - self.inner[line])
         cross = (self.across.reshape(-1, size) @ factors[line].T).reshape(count, rank, rank)
@@ -230,9 +217,8 @@ class _Through:
         )
 
     def changed(self, sign: float) -> Vector:
-        """Return the mean square error after adding each line to the choice (``sign`` +1), or after
-        removing each line from the choice (-1), shape (lines,).
-        """
+        """Return the mean square error after each line is added to the choice (``sign`` +1) or
+        removed from it (-1), shape (lines,)."""
         inner = np.eye(self.inner.shape[1]) + sign * self.inner
         outer = self.shown @ np.swapaxes(self.shown, 1, 2)
         gain = np.trace(np.linalg.solve(inner, outer), axis1=1, axis2=2)
@@ -241,10 +227,10 @@ class _Through:
 
 
 class Exchange:
-    """The search among possible lines, all driven in one way, by the information of each line.
+    """The search among possible lines with one kind of passes, by the information of each line.
 
-    ``done`` are runs already driven, each as it was driven; the last of these is still set up.
-    Lines are compared on ``weighed_on`` increments.
+    ``done`` are runs that were already driven; the last of them is still set up. Lines are compared
+    with ``weighed_on`` increments.
     """
 
     def __init__(
@@ -291,9 +277,7 @@ class Exchange:
         self._through = lru_cache(KEPT)(self._seen_through)
 
     def _laid_out(self, places: Sequence[int]) -> Foresight:
-        """Compute the information of some lines, and return the foresight of a survey of these
-        lines.
-        """
+        """Compute the information of some lines, and return the forecast for them."""
         layout = lay_out(
             perfect_readings(
                 Plan(
@@ -318,9 +302,7 @@ class Exchange:
         return ahead
 
     def _each(self, places: Iterable[int]) -> Vector:
-        """Return the information of some lines, shape (places, q, q). It is computed only for lines
-        that the search compares.
-        """
+        """Return the information of some lines, shape (places, q, q)."""
         wanted = list(places)
         missing = [place for place in wanted if place not in self._information]
         for first in range(0, len(missing), TOGETHER):
@@ -342,9 +324,8 @@ class Exchange:
         return self._driving_min[increments]
 
     def beside_um2(self, increments: int) -> float:
-        """Return the part of the mean square error that no line lowers: the error of tables between
-        targets, waves too short for the targets, and the floor of the aim.
-        """
+        """Return the part of the mean square error that no line reduces: the error of tables
+        between targets, waves too short for the targets, and the floor."""
         hidden = float(np.quantile(hidden_factors(), 0.5)) * self._ahead.hidden_um
         return (
             hidden**2
@@ -362,16 +343,14 @@ class Exchange:
 
     @cached_property
     def _shows(self) -> Vector:
-        """Return h, shape (q, k), with H = h h': the combinations of the unknowns that affect the
-        error over the volume.
-        """
+        """Return h, shape (q, k), with H = h h'."""
         value, vector = np.linalg.eigh(self._seen)
         kept = value > _NOTHING * value[-1]
         shown: Vector = vector[:, kept] * np.sqrt(value[kept])
         return shown
 
     def minutes(self, chosen: Sequence[int], increments: int) -> float:
-        """Return the minutes of driving and setting up the chosen lines."""
+        """Return the minutes for the chosen lines, including set-up."""
         some = list(chosen)
         bases, first = np.unique(self._base[some], return_index=True)
         shifts = len(some) - len(bases)
@@ -384,7 +363,7 @@ class Exchange:
     def _fitting(
         self, chosen: Sequence[int], increments: int, limit_min: float
     ) -> NDArray[np.int64]:
-        """Return the lines that fit into a time limit in addition to the chosen lines."""
+        """Return the lines that can be added to the chosen lines within a time limit."""
         some = list(chosen)
         setting = np.where(
             np.isin(self._base, self._base[some]),
@@ -402,18 +381,16 @@ class Exchange:
 
     def square_um2(self, chosen: Sequence[int]) -> float:
         """Return the mean square error over the volume after the chosen lines, without the part
-        that no line can lower.
-        """
+        that no line reduces."""
         some = frozenset(chosen)
         if some not in self._square_um2:
             self._square_um2[some] = float(np.sum(self._covariance(some) * self._seen))
         return self._square_um2[some]
 
     def lowered_um2(self, chosen: Sequence[int]) -> tuple[float, float]:
-        """Return the mean and the standard deviation, among machines, of the decrease of the mean
-        square error by the chosen lines. The error before is the sum of the error after and of the
-        added knowledge, which are independent of each other.
-        """
+        """Return the decrease of the mean square error by the chosen lines: mean and standard
+        deviation among machines. The error before is the sum of two independent parts, the error
+        after and the decrease."""
         with_them = self._covariance(frozenset(chosen)) @ self._seen
         added = self._covariance(frozenset()) @ self._seen - with_them
         variance = 2.0 * np.sum(added * added.T) + 4.0 * np.sum(with_them * added.T)
@@ -431,12 +408,8 @@ class Exchange:
         )
 
     def weighed(self, chosen: Sequence[int], without: Sequence[int] = ()) -> Vector:
-        """Return the mean square error after adding each possible line to the chosen lines (minus
-        those in ``without``), shape (lines,).
-
-        The searches for different times meet the same choices of lines: the result for each choice
-        is stored.
-        """
+        """Return the mean square error after each possible line is added to the chosen lines,
+        but without the lines ``without``, shape (lines,)."""
         left = frozenset(chosen).difference(without)
         if left not in self._added_um2:
             through = self._through(frozenset(chosen))
@@ -446,15 +419,13 @@ class Exchange:
         return self._added_um2[left]
 
     def _without_each(self, chosen: Sequence[int]) -> Vector:
-        """Return the mean square error after removing each one of the chosen lines, shape
-        (chosen,).
-        """
+        """Return the mean square error after each of the chosen lines is removed, shape
+        (chosen,)."""
         return self._through(frozenset(chosen)).changed(-1.0)[list(chosen)]
 
     def improved(self, chosen: Sequence[int], increments: int, limit_min: float) -> list[int]:
-        """Return the chosen lines after repeated exchanges within a time limit: each step makes the
-        exchange with the largest gain.
-        """
+        """Return the chosen lines after repeated exchanges within a time limit, each with the
+        largest gain."""
         now, beside = list(chosen), self.beside_um2(increments)
         square = self.square_um2(now)
         while True:
@@ -471,7 +442,7 @@ class Exchange:
                     continue
                 found = self.weighed(now, without)[fitting]
                 if found.min() < best[0]:
-                    # the simplest of equally good lines comes first
+                    # the simplest of equally good lines is the first
                     first = int(
                         np.argmax(
                             (found <= found.min() + LEAST_GAIN * beside) & (found < best[0])
@@ -484,9 +455,8 @@ class Exchange:
 
     @cached_property
     def _starts(self) -> tuple[tuple[float, tuple[int, ...]], ...]:
-        """Return every choice of lines without a shift, along body diagonals and first edges, with
-        the mean square error after it, the best choice first.
-        """
+        """Return every choice of lines without a shift along body diagonals and first edges,
+        with its mean square error, the best first."""
         plain = [
             place
             for place, run in enumerate(self.lines)
@@ -499,9 +469,8 @@ class Exchange:
         return tuple(sorted((self.square_um2(choice), choice) for choice in choices))
 
     def start(self, increments: int, limit_min: float) -> tuple[int, ...]:
-        """Return the best choice of lines without a shift that fits into a time limit; empty if
-        none fits.
-        """
+        """Return the best choice of lines without a shift within a time limit; empty if there is
+        none."""
         return next(
             (
                 choice
@@ -513,11 +482,9 @@ class Exchange:
 
 
 def _increments(survey: Plan, about: Circumstances) -> list[int]:
-    """Return the possible numbers of increments: those with steps of whole micrometres (as in
-    programs) that are not in phase with a wave of a screw, unless runs of the plan have their own
-    targets. If no number fulfils both conditions, return the numbers that fulfil the first; if none
-    does, the plan's number.
-    """
+    """Return the possible numbers of increments: their steps are whole micrometres and do not
+    have the phase of a ball screw's wave. The second condition is omitted if the plan has its
+    own targets or if no number fulfils it. If no step is whole, return the number in the plan."""
     size = np.array(survey.volume.size_mm)
     whole = [n for n in INCREMENTS if np.allclose(size / n, np.round(size / n, 3), atol=1e-9)]
     own = any(run.targets for run in survey.runs)
@@ -530,8 +497,7 @@ def _increments(survey: Plan, about: Circumstances) -> list[int]:
 
 class Search:
     """The search of the best surveys of a volume. The search for each time limit starts from the
-    best choice of lines without a shift, and from the survey of the search before.
-    """
+    best choice without shifts and from the previous survey."""
 
     def __init__(self, survey: Plan, about: Circumstances) -> None:
         self._survey, self._about = survey, about
@@ -543,13 +509,13 @@ class Search:
         self._before: tuple[Sequence[int], Ways] = ((), self._every[0])
 
     def driven(self, ways: Ways) -> Exchange:
-        """Return the exchange of the possible lines for one way of driving."""
         if ways not in self._made:
             self._made[ways] = Exchange(self._survey, self._about, self.lines, ways)
         return self._made[ways]
 
     def within(self, limit_min: float) -> Plan | None:
-        """Return the best survey within a time limit, None if not even one line fits."""
+        """Return the best survey within a time limit, or None if no line can be driven in this
+        time."""
         once = [one for one in self._every if one.passes == 1]
         found = [
             one
@@ -561,7 +527,7 @@ class Search:
                 limit_min,
             )
         ]
-        # the dwell that is best with few increments is mostly the best with many increments
+        # the best dwell for few increments is usually the best for many increments
         best = min(found, key=lambda one: one[0])[2] if found else once[0]
         fine = [
             (self.driven(one).start(self._finest, limit_min), one)
@@ -581,10 +547,8 @@ class Search:
     def _from(
         self, start: Sequence[int], ways: Ways, increments: int, limit_min: float
     ) -> Iterator[tuple[float, list[int], Ways, int]]:
-        """Yield surveys as mean square error, lines, way of driving and increments: the lines come
-        from exchanges, then the best way for these lines is chosen, and further exchanges follow in
-        this way.
-        """
+        """Yield mean square error, lines, kind of passes and increments of surveys: exchanges
+        choose the lines, then the best kind of passes is chosen, then exchanges follow."""
         chosen = self.driven(ways).improved(start, increments, limit_min)
         for _ in range(2):
             others = [
@@ -608,9 +572,8 @@ class Search:
 
 
 def _known_angles(ahead: Foresight, about: Circumstances, runs: Sequence[Run]) -> Vector:
-    """Return for each unknown the precision that runs of a head add to the precision by the usual
-    size: only pitch and yaw gain.
-    """
+    """Return for each unknown the precision that runs of a head add to the usual precision: only
+    pitch and yaw gain."""
     shapes, added = ahead.by_setup.shapes, np.zeros(len(ahead.of.causes))
     first = int(np.argmax(ahead.of.turning))
     known = about.head_ranges_urad(runs)

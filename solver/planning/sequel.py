@@ -1,11 +1,11 @@
 """The next setups of a running survey, and the decision that the survey is complete.
 
 The driven setups show the sizes of the angles and the scatter of machine and laser
-(`solver.adjustment`: restricted maximum likelihood); with these sizes, driven and possible setups
-are compared as in a plan (`solver.planning.search`). For several limits of time the best further
-lines are computed; those with the largest gain a minute come next. The survey is complete if no
-lines within `HORIZON_MIN` minutes, nor the lines still planned, lower the remaining error by
-`LEAST_UM` and by the share of `plan` (`WORTH`).
+(`solver.adjustment`). With these sizes, driven and possible setups are compared as in a plan
+(`solver.planning.search`). The best additional lines are computed for several time limits; the
+lines with the largest gain per minute are next. The survey is complete if neither lines within
+`HORIZON_MIN` minutes nor the planned lines reduce the remaining error by `LEAST_UM` and
+`LEAST_SHARE`.
 """
 
 from collections.abc import Sequence
@@ -26,26 +26,25 @@ from stepdiag.solver.planning.circumstances import Circumstances
 from stepdiag.solver.planning.search import INCREMENTS, Exchange, Ways, offered
 
 HORIZON_MIN = 60.0
-"""Time in minutes within which a further gain is sought: a further alignment takes half of it."""
+"""Time in minutes within which a gain is searched for; one alignment takes half of it."""
 TIMES = (0.15, 0.3, 0.6, 1.0)
-"""Time limits within which further lines are sought, as shares of `HORIZON_MIN`."""
+"""Time limits as shares of `HORIZON_MIN`."""
 SHOWN = 3.0
-"""Factor within which two thirds of the likely sizes must lie if the readings show the size of the
-angles; readings without information leave a factor of 15.
-"""
+"""The readings show the size of the angles if two thirds of the likely sizes are within this
+factor; without information the factor is 15."""
 LEAST_UM, LEAST_SHARE = 0.1, 0.05
-"""Smallest gain, in um and as a share of the remaining error, that is worth further driving."""
+"""Smallest useful gain, in um and as a share of the remaining error."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sequel:
-    """The continuation of a survey: ``runs`` are the setups with the largest gain a minute, in the
-    order of driving. ``end`` is true if the gain of these setups is not worth their time.
+    """The next setups of a survey: ``runs`` are the setups with the largest gain per minute, in the
+    order of driving. ``end`` is True if their gain is too small.
 
-    ``now_um`` is the error that compensation by the driven setups would leave (rms over the
-    volume), ``then_um`` the error after the further ``runs``. ``minutes`` is the time of these runs
-    with setting up, ``at_most_um`` the largest possible gain (k = 2). ``angles_urad`` is the range
-    of the angles by the readings, None if the readings do not show it yet.
+    ``now_um`` is the remaining error after compensation by the driven setups (rms over the volume),
+    ``then_um`` the error after the additional ``runs``. ``minutes`` is their time including set-up;
+    ``at_most_um`` is their largest possible gain (k = 2). ``angles_urad`` is the range of the
+    angles, None if the readings do not show it.
     """
 
     runs: tuple[Run, ...]
@@ -60,15 +59,14 @@ class Sequel:
 def sequel(
     survey: Plan, about: Circumstances, done: Sequence[str], readings: Readings | None = None
 ) -> Sequel:
-    """Return the runs to drive after the setups ``done`` of a survey, from the ``readings`` of
-    these setups. The last setup of ``done`` is still set up.
-    """
+    """Return the runs to drive after the setups ``done``, from their ``readings``. The last
+    setup of ``done`` is still set up."""
     shown, angles_urad = shown_by(readings, survey, about)
     driven = [survey.run_of(name) for name in done]
     todo = [run for run in survey.runs if run.setup not in done]
     awaited = {run.travel.base for run in todo}
     known = [_offered_line(run) for run in driven]
-    # a line shifted from a planned line follows while the planned setup stands
+    # a line shifted from a planned line is driven while the planned setup is on the machine
     further = [
         line
         for line in offered(survey, shown)
@@ -105,10 +103,9 @@ def _left_um(exchange: Exchange, chosen: Sequence[int], increments: int) -> floa
 
 
 def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequence[int]:
-    """Return the lines with the largest gain a minute; the first ``planned`` lines of the exchange
-    are those of the plan. If no lines are worth their time, return the planned lines, or without
-    planned lines the best choice.
-    """
+    """Return the lines with the largest gain per minute; the first ``planned`` lines are those
+    of the plan. If no lines have a useful gain, return the planned lines, or without planned
+    lines the best choice."""
     todo = list(range(planned))
     now_um, rest_min = _left_um(exchange, (), increments), exchange.minutes(todo, increments)
     found: list[tuple[float, float, Sequence[int]]] = []
@@ -130,7 +127,7 @@ def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequenc
 
 
 def _offered_line(run: Run) -> Run:
-    """Return the line of a run in the form of `offered`: one pass, with the name of its travel."""
+    """Return the line of a run as in `offered`: one pass, with the name of its travel."""
     return Run(
         setup=run.travel.base,
         return_pass=False,
@@ -140,7 +137,7 @@ def _offered_line(run: Run) -> Run:
 
 
 def _ways(survey: Plan) -> Ways:
-    """Return the way of driving that all setups of the plan share."""
+    """Return the kind of passes of the plan."""
     runs = survey.runs
     orders, alternate = next(
         ((run.axis_orders, run.alternate) for run in runs if run.axis_orders), ((), False)
@@ -157,9 +154,8 @@ def _ways(survey: Plan) -> Ways:
 def _named(
     survey: Plan, lines: Sequence[Run], todo: Sequence[Run], driven: Sequence[Run], ways: Ways
 ) -> tuple[Run, ...]:
-    """Return lines as runs with setup names of the plan: first runs of the setup that stands, then
-    planned runs, then others. Shifted lines get the next free number.
-    """
+    """Return lines as runs with setup names: runs of the present setup first, then planned runs,
+    then others. Each shifted line gets the next free number."""
     taken, runs = {run.setup for run in survey.runs}, list[Run]()
     for line in lines:
         planned = next((run for run in todo if _offered_line(run) == line), None)
@@ -185,9 +181,8 @@ def _named(
 def shown_by(
     readings: Readings | None, survey: Plan, about: Circumstances
 ) -> tuple[Circumstances, float | None]:
-    """Return the circumstances with the sizes that the readings show, and the range of the angles
-    in urad (None if the readings do not show it).
-    """
+    """Return the circumstances with the sizes that the readings show, and the range of the
+    angles in urad, None if the readings do not show it."""
     if readings is None:
         return about, None
     try:
@@ -195,8 +190,8 @@ def shown_by(
             lay_out(readings, "readings", survey.volume), about.chain, assumed=about.assumed
         )
     except StepdiagError:
-        # too few stops, or a pass that contradicts its plan: the doubts of the survey name this
-        # pass
+        # too few stops, or a pass that contradicts its plan: another finding contains
+        # the pass
         return about, None
     assumed, scatter = about.assumed, found.scatter
     repeats = assumed.repeatability_um and np.any(scatter.freedom_misses[:3] > 0)
@@ -211,9 +206,8 @@ def shown_by(
 
 
 def _factor(found: Adjustment) -> tuple[float, bool]:
-    """Return the most likely ratio of the angles to the assumed size, and whether the readings show
-    this ratio.
-    """
+    """Return the most likely ratio of the angles to the assumed size, and whether the readings
+    show it."""
     names = [effect.name for effect in found.effects]
     if ANGLES not in names or not found.sizes.sought[names.index(ANGLES)]:
         return 1.0, False
