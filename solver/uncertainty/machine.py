@@ -1,8 +1,8 @@
-"""The errors of the whole machine as a vector (functions with slopes, squarenesses, angles), with
-the covariance and the modes of this vector.
+"""The errors of the whole machine as a vector of functions with slopes, squarenesses and angles,
+with its covariance and modes.
 
-In this vector, errors that the readings do not identify have the usual size of the machine's class.
-The result leaves such errors out, but a statement about the volume must not assume zero for them.
+Errors that the readings do not identify have the usual size of the machine's class in this vector.
+The result omits them, but they are not zero over the volume.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,27 +35,22 @@ from stepdiag.solver.uncertainty.modes import BySize, by_size, factored, of_one_
 from stepdiag.solver.uncertainty.spread import Spread
 
 MOST_POSITIONS = 20
-"""Largest number of increments between the nodes of the modes: the functions of finer surveys are
-not smoother.
-"""
+"""Largest number of increments between the nodes of the modes."""
 MOST_MODES = 40
 NEXT_TO_NOTHING = 1e-6
-"""Smallest usual size, as a share of the largest usual size: if a size were zero, all other sizes
-would count as rounding (`HIDDEN`).
-"""
+"""Smallest usual size, as a share of the largest usual size: with a size of zero, all other
+sizes would be treated as rounding (`HIDDEN`)."""
 HIDDEN = 1e-9
-"""Smallest effect on the usual sizes, as a share of the largest effect, that is not rounding."""
+"""Share of the largest effect below which an effect is rounding."""
 FINEST_UM = 0.01
-"""Smallest uncertainty of the readings in um in a fit with usual sizes, which are thousands of
-times larger: with a smaller uncertainty the sums of both would not be exact.
-"""
+"""Smallest uncertainty of a reading in um in a fit with usual sizes, which are thousands of
+times larger: a smaller value would cause rounding errors."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Machine:
-    """The values of the machine's functions and squarenesses: ``names`` and ``node`` of each value,
-    and its composition from unknowns and causes, all in the same order.
-    """
+    """The values of the machine's functions and squarenesses: ``names`` and ``node`` of each
+    value, and its combination of unknowns and random effects."""
 
     names: tuple[str, ...]
     node: NDArray[np.int64]
@@ -70,11 +65,11 @@ def machine_of(
     causes: int,
     products: Mapping[int, float] | None = None,
 ) -> Machine:
-    """Return the machine's values at the nodes of the modes; the causes of unknown angles begin at
-    ``first_cause`` among all ``causes``.
+    """Return the machine's values at the nodes of the modes. The fit has ``causes`` random effects;
+    those of unknown angles begin at ``first_cause``.
 
-    ``products`` contains, by cause, the size of the cause's unit, for `PRODUCTS` in the order of
-    their names.
+    ``products`` contains the columns of `PRODUCTS`, in the order of their names, with the size of
+    one unit.
     """
     found = reported(design)
     nodes = mode_nodes(design.volume)
@@ -128,7 +123,7 @@ def machine_of(
 
 
 def mode_nodes(volume: Volume) -> NDArray[np.int64]:
-    """Return the numbers (0 to n) of the nodes at which the modes have values."""
+    """Return the numbers (0 to n) of the nodes of the modes."""
     return np.unique(
         np.round(
             np.linspace(0, volume.increments, min(volume.increments, MOST_POSITIONS) + 1)
@@ -137,10 +132,10 @@ def mode_nodes(volume: Volume) -> NDArray[np.int64]:
 
 
 def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
-    """Return the usual sizes of errors of a machine's class, by name: functions in um, squareness
-    in urad, scales in um/m."""
+    """Return the usual errors of a machine of this class: functions in um, squareness in urad,
+    scales in um/m."""
     usual = dict.fromkeys(DISPLACEMENTS, assumed.shape_um)
-    # the scale of an unmeasured axis also contains its growth during the warm-up
+    # the scale of an unmeasured axis includes its growth during the warm-up
     usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad)
     usual |= dict.fromkeys(
         AXIS_LETTERS, float(np.hypot(assumed.scale_um_m, assumed.growth_um_m))
@@ -164,9 +159,8 @@ def usual_names(
 def usual_rows(
     found: Quantities, known: Mapping[str, bool], assumed: Assumptions
 ) -> tuple[Rows, Vector]:
-    """Return one row for each value of an error that is not ``known``, with the target zero, and
-    the standard uncertainty of each row: the usual size of the error.
-    """
+    """Return a row for each value of an error that is not ``known``, with the target zero, and
+    its usual size as the standard uncertainty."""
     usual = usual_sizes_of(assumed)
     kept = [row for name in usual if not known.get(name, True) for row in found.of(name)]
     some = found.select(np.array(kept, dtype=np.int64))
@@ -174,7 +168,7 @@ def usual_rows(
 
 
 def with_usual(mixed: MixedFit, design: Design, rows: Rows, u: Vector) -> MixedFit:
-    """Return the fit with the usual rows added (target zero)."""
+    """Return the fit with the usual rows added."""
     fixed = mixed.fixed
     seen = replace(fixed, weight=np.minimum(fixed.weight, 1.0 / FINEST_UM**2))
     return with_rows(replace(mixed, fixed=seen), design, rows, u, np.zeros((len(rows), 0)))
@@ -188,11 +182,10 @@ def with_rows(
     pattern: Vector,
     like: Inverse | None = None,
 ) -> MixedFit:
-    """Return the fit with further rows (target zero) and further causes of size one, whose effect
-    on these rows is ``pattern`` (rows, k).
+    """Return the fit with additional rows (target zero) and additional random effects of size one,
+    whose effect on these rows is ``pattern`` (rows, k).
 
-    ``like`` is the inverse of a fit whose readings already determine each of the further rows, if
-    there is one.
+    ``like`` is the inverse of a fit that already determines the additional rows.
     """
     fixed, before = mixed.fixed, mixed.causes.pattern
     again = fit(
@@ -228,11 +221,10 @@ def separated(
     machine: Machine, inverse: Inverse, rows: Rows, u: Vector
 ) -> tuple[Machine, Vector]:
     """Return the part of the machine's values that the readings determine, and the covariance (k,
-    k) of the part that only the usual ``rows`` limit.
+    k) of the rest, which only the usual ``rows`` limit.
 
-    An undetermined part has the value that is most likely by the usual sizes, given the determined
-    part. The difference of covariances with and without the usual rows would give the same, but
-    processors round such differences of large numbers differently.
+    The rest has its most likely value for the determined part. The difference of covariances with
+    and without the usual rows would be the same, but its rounding depends on the processor.
     """
     hidden = np.linalg.pinv(rows.times(inverse.null) / u[:, None], rcond=HIDDEN)
     moved = machine.combination.times(inverse.null) @ hidden
@@ -252,12 +244,12 @@ def posterior_of(
     of_unknown_size: str,
     unmeasured: Vector,
 ) -> Posterior:
-    """Return the possible differences between the machine and the reported errors, in modes;
-    ``offset`` (k,) is the expected difference.
+    """Return the distribution of the differences between the machine and the reported errors, in
+    modes; ``offset`` (k,) is their expected value.
 
-    The causes of the group ``of_unknown_size`` have separate modes, because the size of the group
-    is unknown. ``unmeasured`` is the covariance (k, k) of the undetermined part (`separated`),
-    whose ratio to the usual size is unknown.
+    The random effects of the group ``of_unknown_size`` have separate modes. ``unmeasured`` is the
+    covariance (k, k) of the part that the readings do not determine (`separated`), known up to a
+    factor.
     """
     fields = fields_um(machine, volume, chain)
     found = covariance(spread, machine)
@@ -304,16 +296,14 @@ def posterior_of(
 
 
 def _is_nonzero(values: Vector) -> bool:
-    """Return whether any value exceeds rounding: rounding differs between processors, and every
-    name with a value consumes random numbers.
-    """
+    """Return whether any value is more than rounding: every name with a value uses random
+    numbers, so the result must not depend on the processor."""
     return bool(np.any(np.round(values, POSTERIOR_DECIMALS)))
 
 
 def _by_name(
     machine: Machine, names: Sequence[str], volume: Volume, values: Vector
 ) -> list[tuple[str, Vector]]:
-    """Return the rows of values (r, k) at the nodes of the modes, by the name of the function."""
     found, name_of = [], np.array(machine.names)
     for name in names:
         mine = np.flatnonzero(name_of == name)
@@ -322,9 +312,8 @@ def _by_name(
 
 
 def _node_rows(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -> Vector:
-    """Return the rows of values (r, k) of a function at all nodes of the modes, with zeros where
-    the function is zero by definition; the rows (r, 1) of a squareness are unchanged.
-    """
+    """Return the values (r, k) of a function at all nodes of the modes, with zeros where the
+    function is zero by definition. The values (r, 1) of a squareness are unchanged."""
     if name[0] != "E":
         return values
     nodes = mode_nodes(volume)
@@ -334,10 +323,8 @@ def _node_rows(name: str, node: NDArray[np.int64], volume: Volume, values: Vecto
 
 
 def over_volume(found: Vector, fields_um: Vector) -> tuple[float, float]:
-    """Return the root mean square of the error vector over the volume, from the covariance of the
-    machine's values, and the number of equal independent parts with the same scatter. ``fields_um``
-    (k, 3 points) are as from `free_fields_um`.
-    """
+    """Return the error over the volume (rms) from the covariance of the machine's values, and
+    its degrees of freedom. ``fields_um`` (k, 3 points) is the result of `free_fields_um`."""
     across = found @ (fields_um @ fields_um.T)
     square = max(float(np.trace(across)), 1e-30)
     return float(np.sqrt(3.0 * square / fields_um.shape[1])), square**2 / max(
@@ -346,20 +333,18 @@ def over_volume(found: Vector, fields_um: Vector) -> tuple[float, float]:
 
 
 def free_fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
-    """Return the effect of a unit of each machine value on the error over the volume, without rigid
-    motion, shape (k, 3 points).
-    """
+    """Return the effect of one unit of each machine value on the error over the volume, without
+    rigid motion, shape (k, 3 points)."""
     return _free_fields_um(machine.names, tuple(machine.node.tolist()), volume, chain)
 
 
 def fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
-    """Return the effect of a unit of each machine value on the error over the volume, shape (k, 3
-    points).
-    """
+    """Return the effect of one unit of each machine value on the error over the volume, shape
+    (k, 3 points)."""
     return _fields_um(machine.names, tuple(machine.node.tolist()), volume, chain)
 
 
-# a solve needs these fields twice, and the next solve of the same volume needs them again
+# a solve uses these fields twice, and the next solve of the same volume uses them again
 @lru_cache(maxsize=4)
 def _free_fields_um(
     names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str

@@ -1,6 +1,5 @@
-"""A covariance as a few modes, the most important over the volume, and independent values for the
-remainder.
-"""
+"""A covariance as a few modes with the largest effect over the volume, and independent values
+for the rest."""
 
 from dataclasses import dataclass
 
@@ -12,22 +11,18 @@ from stepdiag.solver.linear.families import Family, class_factors
 from stepdiag.solver.linear.ties import first_of_the_largest
 
 KEPT_SHARE = 0.995
-"""Share of the variance over the volume that the modes must contain; then no further mode
-is added.
-"""
+"""Share of the variance over the volume that the modes must contain."""
 UNSEEN = 1e-3
-"""Largest share that the readings take from the variance of a direction, at any likely size, if the
-direction counts as undetermined. All undetermined directions form one group.
-"""
+"""A direction is treated as undetermined if the readings reduce its variance by less than this
+share at every likely size. All such directions form one group."""
 ROUNDING = 1e-9
-"""Share of the largest value below which a value is rounding, on which no choice may depend."""
+"""Share of the largest value below which a value is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class BySize:
-    """Modes (k, modes) of causes of unknown size, the factors of the modes at each size, and the
-    standard deviations (k,) outside the modes.
-    """
+    """Modes (k, modes) of random effects of unknown size, the factors of the modes at each size,
+    and the standard deviations (k,) of the rest."""
 
     modes: Vector
     sized: UnknownSize
@@ -39,7 +34,7 @@ class BySize:
         return cls(np.zeros((count, 0)), UnknownSize.nothing(), np.zeros(count))
 
     def beside(self, other: "BySize") -> "BySize":
-        """Return the modes of both sets, each set with its own size."""
+        """Return the modes of both sets; each set has its own size."""
         first, second = self.sized, other.sized
         sizes = max(len(first.scale), len(second.scale))
         sized = UnknownSize(
@@ -51,9 +46,6 @@ class BySize:
 
 
 def _size_columns(sizes: int, first: Vector, second: Vector) -> Vector:
-    """Return one table of two tables (sizes or 1, modes) side by side, with a row for every
-    size.
-    """
     return np.hstack(
         [np.broadcast_to(part, (sizes, part.shape[1])) for part in (first, second)]
     )
@@ -61,12 +53,12 @@ def _size_columns(sizes: int, first: Vector, second: Vector) -> Vector:
 
 def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
     """Return columns whose products approximate a covariance (k, k), and the standard deviations
-    (k,) outside the columns.
+    (k,) of the rest.
 
-    ``fields`` (k, values) is the effect of a unit of each of the k values over the volume. Each
-    column belongs to the value of the field with the largest variance outside the earlier columns;
-    among equal values the first is used, so that rounding does not decide. The part outside the
-    columns keeps its mean square over the volume.
+    ``fields`` (k, values) is the effect of one unit of each of the k values over the volume. Each
+    column is chosen by the value over the volume with the largest remaining variance; of equal
+    values the first is chosen, so that rounding does not decide. The rest has the correct mean
+    square over the volume.
     """
     return _factored(np.diag(found), found @ fields, fields, most)
 
@@ -74,9 +66,6 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
 def _factored(
     variance: Vector, across: Vector, fields: Vector, most: int
 ) -> tuple[Vector, Vector]:
-    """Return the result of `factored` for a covariance with the diagonal ``variance`` (k,) and the
-    product ``across`` (k, values) with ``fields``.
-    """
     alone = variance.copy()
     open_um2 = np.sum(across * fields, axis=0)
     total = float(np.sum(open_um2))
@@ -97,12 +86,8 @@ def _factored(
 
 
 def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> Vector:
-    """Return standard deviations of independent values, reduced by a common factor so that the
-    values have the mean square ``over_volume``.
-
-    They are zero if ``over_volume`` is rounding of the ``total``, and for values without effect in
-    the volume.
-    """
+    """Return the standard deviations of the rest, reduced by a common factor to the mean square
+    ``over_volume``. The result is zero if this is rounding of the ``total``."""
     moving = np.sum(fields**2, axis=1)
     has_effect = moving > ROUNDING * np.max(moving)
     kept = np.where(has_effect, np.maximum(square, 0.0), 0.0)
@@ -114,9 +99,8 @@ def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> V
 
 
 def of_one_factor(found: Vector, fields: Vector, most: int) -> BySize:
-    """Return the modes of a covariance (k, k) of which only the usual size is known: one factor of
-    `class_factors` multiplies all modes.
-    """
+    """Return the modes of a covariance (k, k) with an unknown common factor, distributed as
+    `class_factors`."""
     columns, left = factored(found, fields, most)
     factor = class_factors()
     usual = float(np.sqrt(np.mean(factor**2)))
@@ -129,10 +113,9 @@ def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> ByS
     """Return the directions (k, q) of a family as modes; the size of a mode is its root mean square
     over all likely sizes.
 
-    Directions that the readings determine equally well, within a factor of two, are joined and
-    factored together, because an eigenvalue decomposition chooses among equal directions by
-    rounding. Each group of joined directions has one further mode: the change of its most likely
-    amounts with the size of the causes.
+    Directions that the readings determine equally well, within a factor of two, are combined,
+    because an eigenvalue decomposition would choose among them by rounding. Each group has an
+    additional mode: the change of its most likely amounts with the size.
     """
     unseen = family.seen * np.max(family.factor) ** 2 < UNSEEN
     octave = np.floor(np.log2(np.where(unseen, 1.0, family.seen)))

@@ -1,8 +1,8 @@
-"""Monte Carlo check of the law of propagation (JCGM 101): random surveys with noise and causes pass
-through the estimator.
+"""Monte Carlo check of the law of propagation (JCGM 101): the estimator evaluates simulated surveys
+with random noise and random effects.
 
-The sizes of the causes are drawn, too, with the uncertainty that the readings leave; the estimator
-uses the estimated sizes.
+The standard deviations of the random effects are drawn from their distribution; the estimator uses
+the estimated values.
 """
 
 from collections.abc import Iterator
@@ -20,8 +20,8 @@ _NUMBERS = 2_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Intervals:
-    """Standard deviation and shortest coverage interval of every quantity's deviation from its
-    estimate, shapes (quantities,)."""
+    """Standard deviation and shortest coverage interval of the error of every quantity, shapes
+    (quantities,)."""
 
     u: Vector
     low: Vector
@@ -55,10 +55,8 @@ def monte_carlo(
 
 
 def _noise_operator(spread: Spread, asked: Rows) -> Vector:
-    """Return the effect of one standard deviation of each row's noise on the quantities, shape
-    (rows, quantities). If there are more rows than quantities, the rows are folded into as many as
-    there are quantities.
-    """
+    """Return the effect of the noise on the quantities, shape (rows, quantities), in at most as
+    many rows as quantities."""
     fit = spread.fit
     wanted = fit.inverse.solve(asked.dense().T)
     direct = fit.rows.times(wanted) * fit.weight[:, None]
@@ -66,27 +64,22 @@ def _noise_operator(spread: Spread, asked: Rows) -> Vector:
     gain = direct + fit.causes.left @ amounts
     kept = fit.weight > 0
     scaled = gain[kept] / np.sqrt(fit.weight[kept])[:, None]
-    # R of the QR decomposition has the same covariance in as many rows as there are quantities
+    # R of the QR decomposition has the same covariance as all rows
     folded: Vector = np.linalg.qr(scaled).R if len(scaled) > scaled.shape[1] else scaled
     return folded
 
 
 def _cause_operator(spread: Spread, asked: Rows) -> Vector:
-    """Return the error of the estimated quantities by a unit of each cause, shape (causes,
-    quantities): the part of the cause's effect that the estimate does not remove.
-    """
+    """Return the error of the estimated quantities for one unit of each random effect, shape
+    (random effects, quantities)."""
     left = spread.fit.amount_covariance @ spread.fit.causes.seen - np.eye(len(spread.group))
     operator: Vector = (spread.moved(asked) @ left).T
     return operator
 
 
 def shortest_interval(samples: Vector, probability: float) -> tuple[Vector, Vector]:
-    """Return, for each row of samples, the ends of the shortest interval that contains the share
-    ``probability`` of the samples (JCGM 101, 7.7).
-
-    Only the tails are sorted: the interval begins among the lowest and ends among the highest ``1 -
-    probability``.
-    """
+    """Return the ends of the shortest interval that contains the share ``probability`` of each
+    row of samples (JCGM 101, 7.7)."""
     rows, count = np.arange(len(samples)), samples.shape[1]
     kept = int(np.ceil(probability * count))
     tail = count - kept + 1

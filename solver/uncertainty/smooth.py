@@ -1,30 +1,28 @@
-"""Smoothness of the nine displacement functions, which are modelled as smooth random effects.
+"""Theory of operation: the nine displacement functions as smooth random effects.
 
-A guideway bends from target to target, and the noise of readings does not. The shape of a function,
-without its end-point line, is a sum of half waves over the travel,
+A guideway bends smoothly from target to target, but noise does not. A function without its
+end-point line is a sum of half waves over the travel,
 
-    shape(i) = sum over k of a_k sin(pi k i / n),    a_k ~ normal(0, power_k),    k = 1 .. n - 1,
+    shape(i) = sum over k of a_k sin(pi k i / n),    a_k ~ normal(0, power_k),    k = 1 .. n - 1
 
-whose powers (the variances of the a_k) fall with k. The adjustment without this knowledge estimates
-each a_k with a variance v_k, so that a_k^2 - v_k estimates power_k. The powers of a function are
-the falling sequence that is nearest to these estimates (pool adjacent violators). The mean of m
-squared estimates scatters by sqrt(2 / m) of its value; this scatter is added to the power of a
-pool, because a power of zero would state that the function is straight if the readings merely show
-no bend. The step of a guideway or the waves of a screw give a function large powers up to the
-shortest wave, so the function keeps its values. Each function has its own powers.
+whose powers fall with k. The adjustment estimates each a_k with a variance v_k, so a_k^2 - v_k is
+an estimate of power_k. The powers of a function are the falling sequence nearest to these estimates
+(pool adjacent violators). The mean of m squared estimates has a relative scatter of sqrt(2 / m),
+which is added to the power of a pool: otherwise a function would be straight if the readings merely
+show no bend. A step of a guideway or the waves of a ball screw cause large powers up to the
+shortest wave, so such a function is not smoothed. Each function has its own powers.
 
-A cause that changes many readings (angles, drift) bends several functions at once. Each of the
-functions' powers would count as evidence about this cause, so `OF_CAUSES` times the cause's
-variance is added to each power: the smoothness of functions is evidence about noise, not about
-causes.
+A random effect on many readings (angles, drift) bends several functions at once, and the powers of
+all these functions would be evidence about it. Therefore `OF_CAUSES` times its variance is added to
+each power: smoothness is evidence about noise only.
 
-The shorter half of the waves also shows the real noise. If the squares of their amounts are smaller
-than the variances, the readings are better than their stated uncertainty, and the powers increase
-by this ratio: readings without noise are not smoothed.
+The shorter half of the waves shows the real noise. If the squares of their amounts are smaller than
+their variances, the real noise is smaller than stated, and the powers increase by this ratio:
+readings without noise are not smoothed.
 
-The powers enter the adjustment as rows: each value of a shape is zero within the power of the
-shortest wave, and causes add the larger power of the longer waves. Only functions that the readings
-identify have such rows.
+The powers are rows of the adjustment: each value of a shape is zero within the power of the
+shortest wave, and random effects add the larger power of longer waves. Only identified functions
+have such rows.
 """
 
 from collections.abc import Sequence
@@ -47,21 +45,19 @@ from stepdiag.solver.uncertainty.machine import with_rows
 from stepdiag.solver.uncertainty.spread import Spread
 
 BENDS = "bends"
-"""Name of the group of causes that are the longer half waves of all functions."""
+"""Name of the group of random effects that are the longer half waves of all functions."""
 FEWEST = 4
-"""Smallest number of half waves of a function that is smoothed."""
+"""Smallest number of half waves of a smoothed function."""
 LEAST_SHARE = 1e-9
-"""Smallest share of the stated variances that the waves can show: less is rounding."""
+"""Smallest ratio of the real to the stated variances: less is rounding."""
 OF_CAUSES = 10.0
-"""Multiple of a cause's variance that is added to the powers: with it, nine functions together take
-less than half of the effect from the cause.
-"""
+"""Multiple of a random effect's variance that is added to the powers: with it, nine functions
+together reduce the random effect by less than half."""
 
 
 def smoothed(spread: Spread, design: Design, quantities: Quantities) -> Spread:
-    """Return the covariances of a survey with the shapes of the identified displacement functions
-    as smooth random effects; unchanged if these have fewer than `FEWEST` half waves.
-    """
+    """Return the covariances of a survey with the identified displacement functions as smooth
+    random effects; unchanged if no function has `FEWEST` half waves."""
     nodes = design.columns.nodes
     number = np.arange(1, nodes)
     waves = np.sin(np.pi * np.outer(number, number) / nodes)
@@ -96,9 +92,8 @@ def smoothed(spread: Spread, design: Design, quantities: Quantities) -> Spread:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """The amounts of the half waves in a function, shape (waves,), and the variances of the amounts
-    by noise and by causes.
-    """
+    """The amounts of the half waves in a function, shape (waves,), and their variances by noise
+    and by random effects."""
 
     amount: Vector
     of_noise: Vector
@@ -106,7 +101,6 @@ class _Shape:
 
     @classmethod
     def of(cls, spread: Spread, shape: Rows, waves: Vector) -> Self:
-        """Return the half waves of a function whose values are ``shape``."""
         transform = waves * 2.0 / (len(waves) + 1)
         by_noise = transform @ shape.times(spread.fit.inverse.solve(shape.dense().T))
         return cls(
@@ -121,16 +115,14 @@ class _Shape:
         return self.of_noise + self.of_causes
 
     def powers_um2(self) -> Vector:
-        """Return the powers of the half waves."""
         power = falling_power(self.amount, self.variance) + OF_CAUSES * self.of_causes
         falling = np.maximum.accumulate(power[::-1])[::-1]
         return np.maximum(falling, LEAST_U_UM**2)
 
 
 def noise_share(shapes: Sequence[_Shape]) -> float:
-    """Return the ratio (at most 1) of the squared amounts to the stated variances, for the shorter
-    half of the half waves of all functions.
-    """
+    """Return the ratio (at most 1) of the squared amounts to the stated variances, for the
+    shorter half of the waves of all functions."""
     short = len(shapes[0].amount) // 2
     shown = sum(float(np.sum(each.amount[short:] ** 2)) for each in shapes)
     stated = sum(float(np.sum(each.variance[short:])) for each in shapes)
@@ -138,9 +130,8 @@ def noise_share(shapes: Sequence[_Shape]) -> float:
 
 
 def falling_power(amount: Vector, variance: Vector) -> Vector:
-    """Return the falling powers of half waves from the estimated amounts and the variances of these
-    amounts, shapes (waves,).
-    """
+    """Return the falling powers of half waves from their estimated amounts and variances, shapes
+    (waves,)."""
     shown = amount**2 - variance
     pool = falling_pools(shown)
     noise, power = pool_means(variance, pool), np.maximum(pool_means(shown, pool), 0.0)
@@ -150,7 +141,6 @@ def falling_power(amount: Vector, variance: Vector) -> Vector:
 
 
 def _diagonal(blocks: Sequence[Vector]) -> Vector:
-    """Return a block diagonal matrix of the blocks."""
     height, width = (sum(each.shape[side] for each in blocks) for side in (0, 1))
     matrix = np.zeros((height, width))
     left = accumulate((each.shape[1] for each in blocks), initial=0)

@@ -1,10 +1,10 @@
-"""The uncertainty of unknowns and amounts of causes after the adjustment: variances of any
-combination, from the readings alone and from all causes.
+"""The variance of any combination of unknowns and random effects after the adjustment, from the
+readings alone and from all causes.
 
 ``combination @ unknowns + on_causes @ amount`` has the variance ``K C K' + T M T'`` with K the
-``combination`` and ``T = on_causes - K taken``: C is the covariance of the unknowns for known
-causes, M the covariance of the amounts. M also includes the uncertainty of the causes' sizes: it is
-summed over the sizes that remain likely by the readings and the prior (law of total variance;
+``combination`` and ``T = on_causes - K taken``. C is the covariance of the unknowns for known
+random effects, M is the covariance of the random effects. M includes the uncertainty of their
+standard deviations: it is averaged over all likely values (law of total variance;
 `solver.linear.families`).
 """
 
@@ -21,12 +21,13 @@ from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.linear.rows import Rows
 
 _NONE = 1e-9
-"""Variance (um^2, urad^2) below which a variance counts as zero."""
+"""Variance (um^2, urad^2) below which a variance is treated as zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """A fit with its causes, the ``group`` (q,) of each cause and the ``names`` of the groups."""
+    """A fit with random effects, the ``group`` (q,) of each random effect and the ``names`` of
+    the groups."""
 
     fit: MixedFit
     group: NDArray[np.int64]
@@ -34,57 +35,52 @@ class Spread:
     sizes: Sizes
 
     def causes_of(self, *names: str) -> NDArray[np.bool_]:
-        """Return a mask, shape (q,), of the causes in the groups with the given names."""
+        """Return a mask, shape (q,), of the random effects in the named groups."""
         return np.array([name in names for name in self.names], dtype=np.bool_)[self.group]
 
     @cached_property
     def families(self) -> dict[int, Family]:
-        """Return the family of every group of unknown size, by the number of the group."""
+        """Return the family of every group with an estimated standard deviation, by the number
+        of the group."""
         return families(self.fit, self.group, self.sizes)
 
     @cached_property
     def amount(self) -> Vector:
-        """Return the covariance of the causes' amounts, with the uncertainty of the sizes, shape
-        (q, q).
-        """
+        """Return the covariance of the random effects, including the uncertainty of their
+        standard deviations, shape (q, q)."""
         return sum(
             (family.surplus() for family in self.families.values()),
             self.fit.amount_covariance,
         )
 
     def moved(self, combination: Rows, on_causes: Vector | None = None) -> Vector:
-        """Return T, the effect of the causes on combinations of the unknowns (rows) and of the
-        amounts (k, q), shape (k, q).
-        """
+        """Return T, the effect of the random effects on combinations of the unknowns (rows) and
+        of the random effects (k, q), shape (k, q)."""
         taken: Vector = -combination.times(self.fit.causes.taken)
         return taken if on_causes is None else on_causes + taken
 
     def variance(self, moved: Vector) -> Vector:
-        """Return the variance that the causes add to each combination, shape (k,)."""
+        """Return the variance of each combination by the random effects, shape (k,)."""
         found: Vector = np.maximum(np.sum((moved @ self.amount) * moved, axis=1), 0.0)
         return found
 
     def variance_by_readings(self, moved: Vector) -> Vector:
-        """Return the variance that the noise of the readings adds to each combination through the
-        amounts of the causes, shape (k,).
-        """
+        """Return the variance of each combination by the noise of the readings through the
+        random effects, shape (k,)."""
         by_shown = moved @ self.fit.amount_covariance
         found: Vector = np.sum((by_shown @ self.fit.causes.seen) * by_shown, axis=1)
         return np.maximum(found, 0.0)
 
     def shares(self, moved: Vector) -> dict[str, Vector]:
-        """Return the standard uncertainty by each group of causes, shapes (k,); a further share
-        comes from the unknown sizes of the causes.
-
-        If sizes smaller than the estimated sizes are likelier, the shares of all groups are
-        reduced.
-        """
+        """Return the standard uncertainty by each group of random effects, shapes (k,), and the
+        share by their unknown standard deviations. If smaller standard deviations are more
+        likely, all shares are reduced."""
         size = np.where(self.fit.size > 0, self.fit.size, np.inf)
         each = (moved @ (self.fit.amount_covariance / size)) ** 2
         beside = np.maximum(self.variance(moved) - self.variance_by_readings(moved), 0.0)
         known = np.sum(each, axis=1)
         less = np.sqrt(np.minimum(1.0, beside / np.where(known > 0, known, 1.0)))
-        # groups of the same name are added: each step in the readings is a group
+        # groups with the same name are added: each step in the readings is a group
         found = {
             name: less * np.sqrt(np.sum(each[:, self.causes_of(name)], axis=1))
             for name in dict.fromkeys(self.names)
@@ -93,12 +89,10 @@ class Spread:
 
 
 SIZES_UNKNOWN = "sizes of these"
-"""Name of the share that comes from the unknown sizes of the causes."""
+"""Name of the share by the unknown standard deviations of the random effects."""
 
 
 def deviation(variance: Vector) -> Vector:
-    """Return the standard deviations from variances; rounding of a zero variance gives zero on
-    every processor.
-    """
+    """Return standard deviations; the rounding of a zero variance is zero on every processor."""
     found: Vector = np.sqrt(np.where(variance < _NONE, 0.0, variance))
     return found
