@@ -1,6 +1,5 @@
-"""Conversion of the 4-DOF head's lateral values to the errors of ISO 230-1: straightness EYX .. and
-rotations EAX .. of the axis that moved.
-"""
+"""Conversion of the 4-DOF head's lateral values to errors of ISO 230-1: straightness EYX .. and
+rotations EAX .. of the moved axis."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -19,12 +18,11 @@ Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mount:
-    """Mounting of the head during a run along ``axis``.
+    """The mounting of the head during a run along ``axis``.
 
-    ``beam`` is the direction in which the laser leaves the head; ``detector_x`` and ``detector_y``
-    are the machine directions of the detectors' axes. With the target on the workpiece side
-    (``target_on="work"``) the target's motion is minus the motion of the tool relative to the
-    workpiece.
+    ``beam`` is the direction of the laser beam from the head; ``detector_x`` and ``detector_y`` are
+    the machine directions of the detectors' axes. With the target on the workpiece side
+    (``target_on="work"``) the motion of the target has the opposite sign of an error.
     """
 
     axis: Literal["x", "y", "z"]
@@ -34,9 +32,8 @@ class Mount:
     target_on: Literal["tool", "work"] = "tool"
 
     def __post_init__(self) -> None:
-        """Raise DataError unless the three directions belong to three different axes and the beam
-        runs along the moving axis.
-        """
+        """Raise UsageError unless the three directions are along three different axes and the
+        beam is along the moved axis."""
         if self.beam[1] != self.axis:
             raise UsageError(
                 "head: beam",
@@ -54,11 +51,11 @@ class Mount:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisErrors:
-    """Errors of one axis under their ISO 230-1 names: two straightness functions in um and two
-    rotations in urad.
+    """The errors of one axis by ISO 230-1 names: two straightness functions in um and two rotations
+    in urad.
 
-    Positions ascend; every value is the mean of the samples at a position. Rotations are zero at
-    the first position; straightness has its reference line removed. The roll is not measured.
+    Positions ascend; every value is the mean at its position. Rotations are zero at the first
+    position. Straightness is relative to its reference line. The roll is not measured.
     """
 
     position_mm: Vector
@@ -73,11 +70,11 @@ def axis_errors(
     mount: Mount,
     line: LineMethod = "end-point",
 ) -> AxisErrors:
-    """Return the machine's errors from a run of the head: the samples' axis positions (N,), and
-    their straightness and angle (N, 2) in the detectors' axes.
+    """Return the machine's errors from a run of the head: axis positions (N,), straightness and
+    angle (N, 2) in the detectors' axes.
 
-    A mirror that turns by ``w`` deflects the beam ``b`` by ``2 b x w``: the head's angle in lateral
-    direction ``e`` is ``(b x w).e``.
+    A mirror that turns by ``w`` deflects the beam ``b`` by ``2 b x w``, so the head's angle in the
+    lateral direction ``e`` is ``(b x w).e``.
     """
     positions, at = np.unique(position_mm, return_inverse=True)
     side = 1.0 if mount.target_on == "tool" else -1.0
@@ -97,7 +94,7 @@ def axis_errors(
 
 
 def unit(direction: Direction) -> Vector:
-    """Return a machine direction as a vector, shape (3,)."""
+    """Return a machine direction as a unit vector, shape (3,)."""
     found = np.zeros(3)
     found[AXES.index(direction[1])] = 1.0 if direction[0] == "+" else -1.0
     return found

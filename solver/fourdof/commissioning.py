@@ -1,5 +1,4 @@
-"""Commissioning of the four-degree-of-freedom head: the detectors' curves from a reference
-stage."""
+"""Calibration curves of the 4-DOF head's detectors from a reference stage."""
 
 from dataclasses import dataclass
 
@@ -13,16 +12,14 @@ from stepdiag.solver.fourdof.detector import Curve, CurveKind, curve_variable
 Vector = NDArray[np.float64]
 
 MAX_GAIN_ERROR = 0.05
-"""Ordinary focal lengths and amplifiers are within 2 per cent; beyond 5 per cent a curve, a focal
-length or a distance is wrong.
-"""
+"""Largest gain error: usual focal lengths and amplifiers are within 2 %. A larger error is
+caused by a wrong curve, focal length or distance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveFit:
-    """A detector's curve, its residuals in um at every row of the calibration run, and its standard
-    uncertainty at these rows (with that of the reference).
-    """
+    """A detector's curve, its residuals in um, and its standard uncertainty including that of
+    the reference, at every row of the calibration run."""
 
     curve: Curve
     residual_um: Vector
@@ -37,13 +34,13 @@ def fit_curve(
     degree: int = 5,
     u_reference_um: float = 0.0,
 ) -> CurveFit:
-    """Return the curve of a detector axis from the two columns of a run: normalised reading and
-    spot shift in um.
+    """Return the curve of a detector axis from a normalised reading and the shift of the spot in um
+    at each row.
 
-    The shift is twice the reference stage's displacement on the QD, and ``2 f tan(angle)`` on PSD2.
-    The fit is least squares in powers of the reading, or of the reading's inverse error function.
-    Raises DataError unless the rows outnumber the coefficients by two, and where a reading does not
-    determine its shift.
+    The shift is twice the displacement of the reference stage for the QD, and ``2 f tan(angle)``
+    for PSD2. The curve is a least-squares polynomial of the reading or of its inverse error
+    function. Raises DataError unless there are two more rows than coefficients, and if the curve is
+    not monotonic.
     """
     readings, shifts = (
         np.asarray(reading, dtype=np.float64),

@@ -1,8 +1,8 @@
 """The shift of the spot from the raw sums and differences of a position-sensitive detector.
 
-A quadrant detector under a Gaussian spot follows an error function, a lateral-effect detector is
-nearly linear; both are a polynomial in one variable: the normalised reading, or its inverse error
-function (instruments.md section 2).
+A quadrant detector with a Gaussian spot has an error function as its curve; a lateral-effect
+detector is nearly linear. Both curves are polynomials of the normalised reading or of its inverse
+error function (instruments.md section 2).
 """
 
 import math
@@ -25,7 +25,7 @@ def inverse_erf(value: ArrayLike) -> Vector:
     y = np.atleast_1d(np.asarray(value, dtype=np.float64))
     inside = np.abs(y) < 1
     safe = np.where(inside, y, 0.0)
-    # Winitzki's closed form is good to 4e-3; each Newton step squares the error.
+    # Winitzki's closed form is exact to 4e-3; each Newton step squares the error.
     logarithm = np.log1p(-(safe**2))
     half = 2 / (math.pi * 0.147) + logarithm / 2
     x = np.sign(safe) * np.sqrt(np.sqrt(half**2 - logarithm / 0.147) - half)
@@ -37,11 +37,11 @@ def inverse_erf(value: ArrayLike) -> Vector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
-    """Curve of the spot's shift in um over the normalised reading ``q``: coefficients in ascending
-    powers of q (or of erf^-1(q)).
+    """The shift of the spot in um as a polynomial: coefficients in ascending powers of the
+    normalised reading q (or of erf^-1(q)).
 
-    ``low`` and ``high`` bound the readings for which the curve was calibrated; ``u_um`` is the
-    standard uncertainty of the curve.
+    ``low`` and ``high`` are the limits of the calibrated readings; ``u_um`` is the standard
+    uncertainty of the curve.
     """
 
     kind: CurveKind = "polynomial"
@@ -51,28 +51,26 @@ class Curve:
     u_um: float = 0.0
 
     def shift_um(self, reading: ArrayLike) -> Vector:
-        """Return the shift of the spot, shape like ``reading``."""
         shift: Vector = np.polynomial.polynomial.polyval(
             curve_variable(self.kind, reading), np.array(self.coefficients_um)
         )
         return shift
 
     def covers(self, reading: Vector) -> Mask:
-        """Return whether each reading is within the calibrated range of the curve."""
+        """Return whether each reading is within the calibrated range."""
         inside: Mask = (reading >= self.low) & (reading <= self.high)
         return inside
 
 
 def curve_variable(kind: CurveKind, reading: ArrayLike) -> Vector:
-    """Return the variable in which a curve is a polynomial, shape like ``reading``."""
+    """Return the variable of the polynomial, shape like ``reading``."""
     return inverse_erf(reading) if kind == "erf" else np.asarray(reading, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectorAxis:
-    """One axis of a detector. ``sign`` removes the effect of fold mirrors and splitters in the
-    plane of this axis (theory.md 9).
-    """
+    """One axis of a detector. ``sign`` is -1 if fold mirrors and splitters reverse this axis
+    (theory.md 9)."""
 
     sign: Literal[1, -1] = 1
     curve: Curve = field(default_factory=Curve)
@@ -80,7 +78,7 @@ class DetectorAxis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detector:
-    """A two-axis detector with its light levels; ``rotation_mrad`` is the detector's roll about the
+    """A detector with two axes and its limits of light; ``rotation_mrad`` is its roll about the
     beam, from x to y.
 
     ``dark`` contains the signals without light: difference x, difference y and sum.
@@ -108,8 +106,8 @@ class Spots:
 def spots(detector: Detector, difference: Vector, total: Vector) -> Spots:
     """Return the spot of every sample from the detector's differences (N, 2) and sums (N,).
 
-    The difference is divided by the sum, so that the laser's power does not look like a shift.
-    Light cannot make a difference larger than the sum: such a sample counts as saturated.
+    The difference is divided by the sum, so that the laser's power has no effect. A difference
+    larger than the sum is impossible for light; such a sample is marked as saturated.
     """
     blocked = ~(total > detector.sum_min)
     reading = (difference - np.array(detector.dark[:2])) / np.where(

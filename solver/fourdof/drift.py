@@ -1,13 +1,12 @@
-"""Drift of the source's pointing during a run, without the noise of the drift detector.
+"""The pointing drift of the laser source during a run, without the noise of the drift detector.
 
-The drift detector PSD1 adds noise, which the lever carries into the straightness: 1.7 urad at 8 m
-are 14 um. A source drifts slowly, and a detector's noise has no memory. The model is therefore a
-random walk observed with white noise (the local level model; Harvey, Forecasting, Structural Time
-Series Models and the Kalman Filter, 1989, sections 2.3 and 4.3). The ratio of the walk's speed to
-the noise follows from three sources: the series itself, the noise of each stop within its dwell,
-and the quadrant detector. A real drift moves the quadrant detector's spot as well, so correcting it
-makes the spot's path smoother. The returned drift is the mean over all likely speeds; its
-uncertainty includes the spread between the speeds.
+The lever multiplies the noise of the drift detector PSD1 into the straightness: 1.7 urad at 8 m are
+14 um. A source drifts slowly, and noise has no memory, so the model is a random walk observed with
+white noise (the local level model; Harvey, Forecasting, Structural Time Series Models and the
+Kalman Filter, 1989, sections 2.3 and 4.3). The ratio of the walk's speed to the noise is estimated
+from the series itself, from the noise within the dwells, and from the quadrant detector: a real
+drift also moves its spot, so the right correction makes the path of the spot smoother. The result
+is the mean over all likely speeds; its uncertainty includes their spread.
 """
 
 from dataclasses import dataclass
@@ -18,31 +17,27 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 LEAST_SAMPLES = 5
-"""A smaller number of samples does not determine the speed of a drift."""
+"""Smallest number of samples that determines the speed of a drift."""
 QUICKEST = 1e4
-"""Largest ratio of the variance of the drift's steps to the variance of the noise: beyond it the
-detector's values are taken unsmoothed.
-"""
+"""Largest ratio of the variance of the drift's steps to that of the noise; at this ratio the
+values are not smoothed."""
 SPEEDS = 25
 MOST_BENDS = 40
-"""Largest number of bends (second differences) of the spot's path that count, even in a longer
-series: bends reveal a drift that is left too rough, not the rest of a slow drift.
-"""
+"""Largest number of bends (second differences) of the spot's path in the likelihood: bends show
+a rough remainder of a drift, not a slow one."""
 BENDS_COUNT = 0.1
-"""Share of the bends that counts as evidence: bends of a remaining drift are nearly equal at
-neighbouring stops. With a share of one half the most likely drift is too smooth: in a pass of 8 m
-with 1.7 urad of noise 83 % of the values are within 2 u (10.9 um rms). With a tenth 94 % are (8.6
-um), with none 97 % (9.3 um).
-"""
+"""Weight of the bends in the likelihood: bends of a remaining drift are nearly equal at
+neighbouring stops. In a pass of 8 m with a noise of 1.7 urad, a weight of 0.5 gives a drift that
+is too smooth: 83 % of the values are within 2 u (10.9 um rms). With 0.1, 94 % are (8.6 um); with
+0, 97 % (9.3 um)."""
 BENDS_SHARE = 1.94
 """Factor of the variance of the slope between two series of second differences of white noise:
-their correlations are -2/3 and 1/6, so it is 1 + 2 (4/9 + 1/36).
-"""
+with their correlations of -2/3 and 1/6 it is 1 + 2 (4/9 + 1/36)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """The pointing drift and its standard uncertainty, in urad, shapes (N,)."""
+    """The pointing drift and its standard uncertainty in urad, shapes (N,)."""
 
     angle_urad: Vector
     u_urad: Vector
@@ -54,20 +49,20 @@ def slow_drift(
     """Return the drift at each time, shapes (N,), from the values ``seen_urad`` of PSD1; times
     ascend.
 
-    ``u_urad`` is the noise of each value by the scatter within its dwell (0: not known).
-    ``spot_um`` is half of the quadrant detector's shift, which contains the drift times
-    ``lever_mm``. With fewer than `LEAST_SAMPLES` the values are returned unchanged.
+    ``u_urad`` is the noise of each value within its dwell (0: unknown). ``spot_um`` is half of the
+    quadrant detector's shift, which contains the drift times ``lever_mm``. Fewer than
+    `LEAST_SAMPLES` values are returned unchanged.
     """
     if len(seen_urad) < LEAST_SAMPLES:
         return Drift(angle_urad=seen_urad, u_urad=u_urad)
     step_s = np.diff(time_s)
     usual_s = float(np.mean(step_s)) or 1.0
-    # a drift slower than the slowest of these speeds looks like standstill within the run
+    # a slower drift than these speeds cannot be distinguished from standstill
     speeds = np.geomspace(0.1 / len(seen_urad) ** 2, QUICKEST, SPEEDS)
     found = _smoothed(seen_urad, step_s[:, None] / usual_s * speeds)
     floor = float(np.mean(u_urad**2))
     noise = np.maximum(found.noise, floor)
-    # a noise ten times what the dwells show is a hundred times less likely than that
+    # a noise ten times that within the dwells is a hundred times less likely
     likely = (
         found.log_likelihood
         - (np.log(noise / floor) if floor > 0.0 else 0.0)
@@ -82,11 +77,11 @@ def slow_drift(
 
 
 def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector, Vector]:
-    """Return the part of PSD1's fast residual that is real motion of the beam, not noise, and the
-    uncertainty of this part, shapes (N,).
+    """Return the part of the fast residual of PSD1 that is a real motion of the beam, and its
+    uncertainty, shapes (N,).
 
-    A share g of the residual may be motion of the beam; the second differences of the spot are then
-    g times the second differences of the lever times the residual. A regression determines g.
+    If the share g of the residual is a motion of the beam, the second differences of the spot are g
+    times those of the lever times the residual. A regression determines g.
     """
     of_rest, of_spot = np.diff(1e-3 * lever_mm * rest_urad, n=2), np.diff(left_um, n=2)
     power = float(of_rest @ of_rest)
@@ -106,8 +101,7 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
 @dataclass(frozen=True, slots=True)
 class _Smoothed:
     """The drift for every assumed speed: ``level`` and its variance ``share`` relative to the
-    noise, shapes (N, speeds); the variance of the noise and the likelihood, shapes (speeds,).
-    """
+    noise, shapes (N, speeds); the variance of the noise and the likelihood, shapes (speeds,)."""
 
     level: Vector
     share: Vector
@@ -116,9 +110,8 @@ class _Smoothed:
 
 
 def _smoothed(seen: Vector, speed: Vector) -> _Smoothed:
-    """Return the filtered and smoothed series for a drift whose steps have the variances ``speed``
-    (N - 1, speeds), relative to the variance of the noise.
-    """
+    """Return the smoothed series for a drift whose steps have the variances ``speed`` (N - 1,
+    speeds), relative to the variance of the noise."""
     count = speed.shape[1]
     level, share = np.empty((len(seen), count)), np.empty((len(seen), count))
     ahead = np.empty_like(speed)
@@ -135,17 +128,14 @@ def _smoothed(seen: Vector, speed: Vector) -> _Smoothed:
         back = share[k] / ahead[k]
         level[k] += back * (level[k + 1] - level[k])
         share[k] += back**2 * (share[k + 1] - ahead[k])
-    # a series without any change has no noise: a millionth of a microradian avoids division by zero
+    # a constant series has no noise; this value avoids a division by zero
     noise = np.maximum(squares / len(speed), 1e-24)
     return _Smoothed(level, share, noise, -0.5 * (len(speed) * np.log(noise) + logs))
 
 
 def _smoothness(spot_um: Vector, lever_mm: Vector, level: Vector) -> Vector:
-    """Return the logarithm of the likelihood of each drift, shape (speeds,), by the straightness
-    that remains after its correction: small bends are likely.
-
-    Second differences are independent of the head's alignment.
-    """
+    """Return the log-likelihood of each drift, shape (speeds,), by the bends of the straightness
+    after its correction. Second differences do not depend on the head's alignment."""
     bends = np.diff(spot_um[:, None] - 1e-3 * lever_mm[:, None] * level, n=2, axis=0)
     likely: Vector = (
         -0.5

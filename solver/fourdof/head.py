@@ -1,16 +1,15 @@
-"""The four-degree-of-freedom head: straightness, pitch and yaw with common-path compensation of the
-beam's drift.
+"""The 4-DOF head: straightness, pitch and yaw with common-path compensation of the beam's drift.
 
-Feng, Zhang, Kuang 2008, Eqs 1 to 5, with the signs and the lever of theory.md 9: with all detectors
-seen in one lateral axis, a pointing drift ``a`` of the source moves the spot on the quadrant
-detector (QD) by ``-2 L a``, on the drift detector (PSD1) by the angle ``-a`` and on the angle
-detector (PSD2) by ``+a``. Hence
+Feng, Zhang, Kuang 2008, Eqs 1 to 5, with the signs and the lever of theory.md 9. In one lateral
+axis, a pointing drift ``a`` of the source moves the spot on the quadrant detector (QD) by ``-2 L
+a``, on the drift detector (PSD1) by the angle ``-a`` and on the angle detector (PSD2) by ``+a``.
+Hence
 
     straightness = QD / 2 - L * psd1        angle = (PSD2 + psd1) / 2
 
-so the signs of psd1 in Feng's Eqs 2 and 4 are opposite to each other. Only pointing of the source
-is corrected: air that bends the beam on the way bends the returning beam for PSD1 too and stays in
-the result. Half of a parallel shift of the beam also stays in the result.
+The signs of psd1 in Feng's Eqs 2 and 4 are therefore opposite to each other. Only the pointing of
+the source is corrected. The bending of the beam by air, and half of a parallel shift of the beam,
+are errors of the result.
 """
 
 from dataclasses import dataclass, field
@@ -27,23 +26,22 @@ Vector = NDArray[np.float64]
 
 URAD_PER_ARCSEC = np.pi / 648000 * 1e6
 STRAIGHTNESS_RANGE_UM = 650.0
-"""Range over which the published head was calibrated (Feng 2008, abstract)."""
+"""Calibrated range of the published head (Feng 2008, abstract)."""
 ANGLE_RANGE_ARCSEC = 600.0
-"""Range of the angle detector of the published head (Feng 2008, abstract); a larger angle gives a
-remark.
-"""
+"""Range of the angle detector of the published head (Feng 2008, abstract); a larger angle gives
+a finding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crosstalk:
-    """Calibrated corrections (theory.md 9, a to d); zero means not corrected. A pair of values
-    belongs to the detectors' x and y.
+    """Calibrated corrections (theory.md 9, a to d); zero means no correction. A pair of values is
+    for the detectors' x and y.
 
-    ``vertex_mm`` is the position of the corner cube's vertex relative to the point whose
-    straightness is wanted: lateral x, lateral y, and along the beam (positive towards the head).
-    ``psd1_leak`` and ``psd2_leak`` are the apparent angles by a lateral beam shift, in urad per um,
-    if a detector is out of its lens's focus. ``qd_gain_per_m`` is the relative growth of the QD's
-    gain, a metre of distance beyond ``qd_calibrated_at_mm``, because the spot grows.
+    ``vertex_mm`` is the position of the corner cube's vertex relative to the point of the
+    straightness: lateral x, lateral y, and along the beam (positive towards the head).
+    ``psd1_leak`` and ``psd2_leak`` are the false angles by a lateral shift of the beam in urad per
+    um, if a detector is out of focus. ``qd_gain_per_m`` is the relative increase of the QD's gain
+    per metre beyond ``qd_calibrated_at_mm``, because the spot grows.
     """
 
     vertex_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -55,11 +53,9 @@ class Crosstalk:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """The sum signals of QD, PSD1 and PSD2 under the same light, and the largest relative
-    difference (``within``) of one of the three from the others.
-
-    A spot cut off by an edge reduces one sum; a laser that changes its power changes all three.
-    """
+    """The sum signals of QD, PSD1 and PSD2 in normal light, and the largest relative difference
+    (``within``) of one from the others. A clipped spot reduces one sum; a change of the laser's
+    power changes all three."""
 
     sums: tuple[float, float, float]
     within: float
@@ -69,10 +65,10 @@ class Light:
 class Head:
     """The configuration and the calibration of a head.
 
-    The lever at travel ``d`` (away from the head) is ``dead_path_mm + lever_scale * d +
+    The lever at the travel ``d`` away from the head is ``dead_path_mm + lever_scale * d +
     extra_path_mm / 2``: the whole path from the source's pivot to the cube, and half of the extra
-    path from the cube back to the QD. A lever that `fourdof commission` measured already includes
-    the extra path. ``lever_scale`` differs from 1 if PSD1's gain differs from 1.
+    path back to the QD. A lever from `fourdof commission` includes the extra path. ``lever_scale``
+    is the gain error of PSD1.
     """
 
     qd: Detector = field(default_factory=Detector)
@@ -87,8 +83,7 @@ class Head:
     crosstalk: Crosstalk = field(default_factory=Crosstalk)
 
     def lever_mm(self, travel_mm: ArrayLike) -> Vector:
-        """Return the effective lever at each travel away from the head, shape like
-        ``travel_mm``."""
+        """Return the lever at each travel away from the head, shape like ``travel_mm``."""
         lever: Vector = (
             self.dead_path_mm
             + 0.5 * self.extra_path_mm
@@ -99,14 +94,13 @@ class Head:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """The target's motion per sample in the detectors' x and y, shape (N, 2); NaN where the light
-    was not usable.
+    """The motion of the target for each sample in the detectors' x and y, shape (N, 2), NaN without
+    usable light.
 
-    ``raw_*`` is the motion without drift compensation. ``drift_urad`` is PSD1's angle. If times
-    were given, PSD1's noise is removed from it, and ``u_drift_urad`` is the uncertainty that
-    remains (else zero). The uncertainties ``u_*`` of the motion come from the detectors'
-    calibration. ``usable`` is False where the sample was blocked, saturated or outside the
-    calibrated range.
+    ``raw_*`` is the motion without drift compensation. ``drift_urad`` is the angle of PSD1. If
+    times are known, its noise is removed, and ``u_drift_urad`` is the remaining uncertainty, else
+    zero. ``u_*`` is the uncertainty by the calibration. ``usable`` is False for a sample that is
+    blocked, saturated or outside the calibrated range.
     """
 
     straightness_um: Vector
@@ -122,8 +116,8 @@ class Motion:
 
 
 def beam_angle_urad(shift_um: ArrayLike, focal_length_mm: float) -> Vector:
-    """Return the beam's angle from the spot's shift in the focal plane (Feng Eq. 1, arctangent
-    kept)."""
+    """Return the beam's angle in urad from the shift of the spot in the focal plane (Feng Eq. 1
+    with arctangent)."""
     angle: Vector = 1e6 * np.arctan(
         np.asarray(shift_um, dtype=np.float64) * 1e-3 / focal_length_mm
     )
@@ -142,11 +136,10 @@ def motion(
     """Return the motion of the target from the head's nine channels (N, 9): x, y, sum of QD, PSD1,
     PSD2.
 
-    ``travel_mm`` (N,) is the target's travel away from the head since the position to which
-    ``dead_path_mm`` belongs; ``roll_urad`` (scalar or (N,)), measured by a level, is used only to
-    correct the cube's lateral offset. With ``time_s`` (N,) the samples belong to a single run and
-    the drift is freed of PSD1's noise (`solver.fourdof.drift`); ``u_psd1_urad`` (N, 2) is the noise
-    of PSD1 in each sample (the mean of a dwell), by the scatter within the dwell.
+    ``travel_mm`` (N,) is the travel away from the head since the position of ``dead_path_mm``.
+    ``roll_urad`` (scalar or (N,)) corrects the lateral offset of the cube. With ``time_s`` (N,) the
+    noise of PSD1 is removed from the drift (`solver.fourdof.drift`); ``u_psd1_urad`` (N, 2) is this
+    noise, from the scatter within each dwell.
     """
     lever_mm = head.lever_mm(np.broadcast_to(travel_mm, len(channels)))
     lever = lever_mm[:, None]
@@ -167,8 +160,8 @@ def motion(
             psd1, qd_um / 2, lever_mm, time_s, u_drift if u_psd1_urad is None else u_psd1_urad
         )
     psd2 = beam_angle_urad(seen["PSD2"].shift_um, head.psd2_focal_length_mm)
-    # the beam on PSD2 moves sideways by the drift on its way out and by its own angle on its way
-    # back, both multiplied by the distance
+    # the beam on PSD2 is shifted by the drift on the way out and by its angle on the way back, both
+    # multiplied by the distance
     walked = np.array(head.crosstalk.psd2_leak) * lever * 1e-3
     psd2 = (psd2 + walked * psd1) / (1 + walked)
     angle = (psd2 + psd1) / 2
@@ -198,10 +191,9 @@ def motion(
 def _freed_of_noise(
     psd1_urad: Vector, spot_um: Vector, lever_mm: Vector, time_s: Vector, u_urad: Vector
 ) -> tuple[Vector, Vector]:
-    """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); values of
-    samples without light stay unchanged.
-    """
-    # a stop that was driven again has its place in the sequence of the run, but not in time
+    """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); samples
+    without light are unchanged."""
+    # a repeated stop is sorted by position in the run, not by time
     in_time = np.argsort(time_s, kind="stable")
     lit = in_time[np.all(np.isfinite(psd1_urad[in_time] + spot_um[in_time]), axis=1)]
     drift, u = psd1_urad.copy(), u_urad.copy()
@@ -226,8 +218,8 @@ def _qd_at_distance(qd_um: Vector, lever: Vector, crosstalk: Crosstalk) -> Vecto
 def _at_reference(
     vertex_um: Vector, angle: Vector, roll_urad: Vector, crosstalk: Crosstalk
 ) -> Vector:
-    """Move the straightness from the cube's vertex to the reference point (theory.md 9, crosstalk a
-    and b)."""
+    """Return the straightness at the reference point from that at the cube's vertex (theory.md
+    9, crosstalk a and b)."""
     x, y, along = crosstalk.vertex_mm
     arm_um = 1e-3 * np.column_stack([-roll_urad * y, roll_urad * x])
     moved: Vector = vertex_um - arm_um - 1e-3 * along * angle
@@ -235,9 +227,8 @@ def _at_reference(
 
 
 def _clipped(head: Head, channels: Vector) -> Mask:
-    """Return the samples (N,) in which one detector's sum signal differs from the other two: an
-    edge or the electronics cut that detector's spot.
-    """
+    """Return the samples (N,) in which the sum signal of one detector differs from the other
+    two, because its spot is clipped."""
     if head.light is None:
         return np.zeros(len(channels), dtype=bool)
     dark = np.array([detector.dark[2] for detector in (head.qd, head.psd1, head.psd2)])

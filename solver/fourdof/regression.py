@@ -1,21 +1,20 @@
-"""The head's calibration from a run with the machine as its stage: a regression over all nine
+"""The calibration of the 4-DOF head with the machine as its stage: a regression over all nine
 channels.
 
-The machine moves the target sideways by known amounts at two distances or more, and stands still
-while the laser's pointing wobbles. In one lateral frame (theory.md 9), with the target moved by
-``m``, at ``X`` of its end, and a pointing ``a`` of the source at lever ``L = l + d``
+The machine moves the target sideways by known amounts (jogs) at two or more distances, and stands
+still while the laser's pointing changes. In one lateral axis (theory.md 9), for a target moved by
+``m`` at the offset ``X`` of its end, and a pointing ``a`` of the source at the lever ``L = l + d``:
 
     spot on the QD   q = 2 (m + X) - 2 L a         times 1 + growth (d - middle)
     PSD1               = -a + leak1 q
     PSD2               = a (1 + 2 leak2 L) + a constant of the end
 
-and each detector reads this value through two gains, with their signs, and through the roll of the
-detector. The pointing is an unknown of every row. The pointing is linear in the model and is
-eliminated row by row (variable projection: Golub, Pereyra 1973; Kaufman's approximation), so noise
-of a detector makes no estimated slope smaller. The noise of each detector is the noise of its
-samples, times a common factor; this factor and the deviations of the real jogs from the commanded
-jogs are estimated from the residuals. (The noise of three detectors cannot be estimated together
-with the pointing of every row: the smallest noise would become zero.)
+Each detector reads this value with two gains, their signs and its roll. The pointing is an unknown
+of every row. It is linear in the model and is eliminated (variable projection: Golub, Pereyra 1973;
+Kaufman's approximation), so noise of a detector does not reduce the estimated slopes. The noise of
+each detector is that of its samples times a common factor. This factor and the errors of the jogs
+are estimated from the residuals. Separate factors for three detectors are not possible, because the
+smallest noise would become zero.
 """
 
 from dataclasses import dataclass
@@ -43,42 +42,36 @@ FIELDS = (
     "crosstalk.psd2_leak",
     "lever",
 )
-"""Names of the regression's results, by the fields of the calibration file: gains relative to the
-curves in the file, rolls in mrad, growth of the QD's gain a metre, leaks in urad per um (alike in x
-and y), the dead path of the lever in mm.
-"""
+"""Names of the results, as the fields of the calibration file: gains relative to the curves in
+the file, rolls in mrad, increase of the QD's gain per metre, leaks in urad per um (equal in x
+and y), the dead path of the lever in mm."""
 QD, PSD1, PSD2, LEVER = 0, 4, 8, 12
-"""Index among `FIELDS` of each detector's first gain, and of the lever."""
+"""Index in `FIELDS` of each detector's first gain and of the lever."""
 MOST_ROLL_MRAD = 500.0
-"""Largest possible roll of a mounted detector; a larger value means that the survey file names the
-wrong axes of the detector.
-"""
+"""Largest possible roll of a mounted detector; with a larger value the detector's axes in the
+survey file are wrong."""
 MOST_U_GAIN = 0.02
-"""Largest relative standard uncertainty of a gain; beyond it the beam's wobble or the jogs were too
-small. Twice this limit is still below the 5 per cent at which a gain is refused.
-"""
+"""Largest relative standard uncertainty of a gain; with a larger value the change of pointing or
+the jogs were too small. A gain error of 5 % is refused."""
 ROUNDS, STEPS = 6, 8
-"""Number of iterations of the noise sizes, and of Gauss-Newton steps within each of them: half of
-either number is enough to converge to 1e-6.
-"""
+"""Number of iterations of the noise, and of Gauss-Newton steps in each: half of either is enough
+to converge to 1e-6."""
 LINEAR = 1e-3
-"""Smallest noise of a detector's rows relative to the beam's wobble: detectors follow their curves
-no better, so a smaller noise must not increase the weight of the rows.
-"""
+"""Smallest noise of a detector relative to the change of pointing, because a detector's curve is
+not more exact."""
 JOG_UM = 1.0
-"""Starting value of the search for the error of a jog's length, in um of the spot on the detector.
-"""
+"""Initial error of a jog, in um of the spot on the detector."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stands:
-    """Means of the head's samples while the machine stood, a row each (N,).
+    """Means of the head's samples while the machine stood, one row each (N,).
 
     ``end`` is the number of the axial position, from 0. ``distance_mm`` is the distance to the
-    target. ``moved_um`` (N, 2) is the jog of the target in the directions of the detectors' x and
-    y. ``seen`` (N, 6) contains the readings of QD (um), PSD1 and PSD2 (urad) by the curves of the
-    file, without signs and rolls. ``samples`` is the number of samples in the mean of a row,
-    ``noise`` (6,) the noise of a single sample. ``jogged`` marks the rows after a jog.
+    target. ``moved_um`` (N, 2) is the jog in the directions of the detectors' x and y. ``seen`` (N,
+    6) are the readings of QD (um), PSD1 and PSD2 (urad) by the curves of the file, without signs
+    and rolls. ``samples`` is the number of samples in each row; ``noise`` (6,) is the noise of one
+    sample. ``jogged`` marks the rows after a jog.
     """
 
     end: NDArray[np.intp]
@@ -92,9 +85,8 @@ class Stands:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commissioned:
-    """Values and covariance of `FIELDS`, and by the residuals the standard deviation of a real jog
-    from the commanded jog, in um of the target (k = 1).
-    """
+    """Values and covariance of `FIELDS`, and the standard deviation of the difference between a
+    real and a commanded jog, in um of the target (k = 1)."""
 
     value: Vector
     covariance: Vector
@@ -103,15 +95,14 @@ class Commissioned:
 
     @property
     def u(self) -> Vector:
-        """Return the standard uncertainty of each calibration field (`FIELDS`)."""
+        """Return the standard uncertainty of each field."""
         u: Vector = np.sqrt(np.diag(self.covariance))
         return u
 
 
 def commissioned(stands: Stands) -> Commissioned:
-    """Return the calibration that fits the run best. Raises DataError, with the field's name, if
-    the run does not determine a field.
-    """
+    """Return the calibration by the run. Raises DataError, with the name of the field, if the
+    run does not determine a field."""
     _require_places(stands)
     middle_mm = float(np.mean(np.unique(stands.distance_mm)))
     factor, jog_um = 1.0, JOG_UM
@@ -135,9 +126,8 @@ def commissioned(stands: Stands) -> Commissioned:
 
 
 def _model(stands: Stands, parameters: Vector, pointing: Vector, middle_mm: float) -> Vector:
-    """Return the readings of the detectors, shape (N, 6), by the model for a pointing (N, 2) in
-    urad.
-    """
+    """Return the readings of the detectors by the model, shape (N, 6), for a pointing (N, 2) in
+    urad."""
     ends = parameters[len(FIELDS) :].reshape(2, -1, 2)
     lever = (parameters[LEVER] + stands.distance_mm)[:, None]
     leak1, leak2 = parameters[PSD1 + 3], parameters[PSD2 + 3]
@@ -157,9 +147,8 @@ def _model(stands: Stands, parameters: Vector, pointing: Vector, middle_mm: floa
 
 
 def _detector_reading(detector: Vector, lateral: Vector) -> Vector:
-    """Return the readings of a detector with two gains and a roll in mrad, shape like ``lateral``:
-    the inverse of `detector.spots`.
-    """
+    """Return the readings of a detector with two gains and a roll in mrad: the inverse of
+    `detector.spots`."""
     cosine, sine = np.cos(1e-3 * detector[2]), np.sin(1e-3 * detector[2])
     own: Vector = lateral @ np.array([[cosine, -sine], [sine, cosine]]) / detector[:2]
     return own
@@ -174,9 +163,8 @@ class _Step:
 def _gauss_newton(
     stands: Stands, parameters: Vector, middle_mm: float, sigma: Vector
 ) -> tuple[_Step, Vector, Vector]:
-    """Return the next step of the parameters, the weighted residuals without the pointing, and the
-    leverage of each residual (the share of the noise that the fit absorbs), both (N, 6).
-    """
+    """Return the next step of the parameters, the weighted residuals without the pointing, and
+    the leverage of each residual, both (N, 6)."""
     still = np.zeros_like(stands.moved_um)
     base = _model(stands, parameters, still, middle_mm)
     by_pointing = np.stack(
@@ -212,24 +200,21 @@ def _gauss_newton(
 
 
 def _without(frame: Vector, rows: Vector) -> Vector:
-    """Return rows (N, 6) without the part that a pointing of any size could cause."""
+    """Return rows (N, 6) without the part that any pointing can cause."""
     left: Vector = rows - np.einsum("nij,nj->ni", frame, np.einsum("nij,ni->nj", frame, rows))
     return left
 
 
 def _of_jogs(stands: Stands) -> NDArray[np.bool_]:
-    """Return a mask, shape (N, 6), of the values that contain the error of a jog: those of the QD
-    at a jog.
-    """
+    """Return a mask, shape (N, 6), of the values with the error of a jog: those of the QD."""
     of_jogs = np.zeros(stands.seen.shape, dtype=np.bool_)
     of_jogs[stands.jogged, :2] = True
     return of_jogs
 
 
 def _sigma(stands: Stands, factor: float, jog_um: float) -> Vector:
-    """Return the standard deviation of every value, shape (N, 6); averaging over a longer
-    standstill does not reduce the error of a jog.
-    """
+    """Return the standard deviation of every value, shape (N, 6). A longer standstill does not
+    reduce the error of a jog."""
     still = ~stands.jogged
     wobble = np.std(_centred(stands, stands.seen, still)[still], axis=0)
     sigma: Vector = factor * np.hypot(
@@ -239,9 +224,8 @@ def _sigma(stands: Stands, factor: float, jog_um: float) -> Vector:
 
 
 def _grown(rest: Vector, leverage: Vector, of: NDArray[np.bool_]) -> float:
-    """Return the ratio of the noise of some values to the assumed noise; it is above zero even for
-    a run without noise.
-    """
+    """Return the ratio of the noise of some values to the assumed noise, above zero even without
+    noise."""
     return float(
         np.sqrt(max(np.sum(rest[of] ** 2) / max(np.sum(1.0 - leverage[of]), 1.0), 1e-6))
     )
@@ -268,9 +252,8 @@ def _require_places(stands: Stands) -> None:
 
 
 def _start(stands: Stands) -> Vector:
-    """Return approximate parameters to start from: the jogs give the gains of the QD, the QD's spot
-    gives the pointing, and the pointing gives the gains of both PSDs.
-    """
+    """Return the initial parameters: jogs determine the gains of the QD, its spot determines the
+    pointing, and the pointing determines the gains of both PSDs."""
     ends = int(stands.end.max()) + 1
     about = stands.jogged[:, None] * _centred(stands, stands.moved_um, stands.jogged)
     qd = _of_matrix(
@@ -301,7 +284,7 @@ def _start(stands: Stands) -> Vector:
 
 
 def _centred(stands: Stands, values: Vector, used: NDArray[np.bool_]) -> Vector:
-    """Return the values (N, 2) minus their mean over the used rows at each axial position."""
+    """Return the values (N, 2) minus the mean of the used rows at each axial position."""
     count = np.maximum(np.bincount(stands.end, weights=used), 1.0)
     means = [np.bincount(stands.end, weights=used * column) / count for column in values.T]
     centred: Vector = values - np.array(means).T[stands.end]
@@ -318,8 +301,7 @@ def _matrix(lateral: Vector, read: Vector) -> Vector:
 
 def _of_matrix(matrix: Vector, name: str) -> Vector:
     """Return the two gains and the roll of a detector from its matrix. Raises DataError if the
-    survey file names other axes than those of the detector.
-    """
+    detector's axes in the survey file are wrong."""
     sizes = np.linalg.norm(matrix, axis=1)
     if not np.isfinite(sizes).all() or sizes.min() <= 0.0:
         raise DataError(
@@ -345,14 +327,12 @@ def _of_matrix(matrix: Vector, name: str) -> Vector:
 
 
 def _lateral(detector: Vector, read: Vector) -> Vector:
-    """Return the lateral motion that a detector reads, shape like ``read``."""
     cosine, sine = np.cos(1e-3 * detector[2]), np.sin(1e-3 * detector[2])
     lateral: Vector = (read * detector[:2]) @ np.array([[cosine, sine], [-sine, cosine]])
     return lateral
 
 
 def _require_decided(found: Commissioned, stands: Stands) -> None:
-    """Raise DataError for a gain that the run does not determine, and for an impossible lever."""
     nearest = float(found.value[LEVER] + stands.distance_mm.min())
     if not nearest > 0.0:
         expected, seen = (

@@ -1,5 +1,4 @@
-"""Stability and comparison tests of the four-degree-of-freedom head (Feng 2008, sections 3.1 and
-3.3)."""
+"""Stability and comparison tests of the 4-DOF head (Feng 2008, sections 3.1 and 3.3)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,11 +15,11 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stability:
-    """Fluctuation of a quantity at standstill, raw and compensated, in the quantity's unit.
+    """Fluctuation of a quantity at standstill, raw and compensated, in its unit.
 
     ``removed_percent`` is the part of the raw fluctuation (largest minus smallest value) that the
-    compensation removed, negative if the compensation increased the fluctuation. ``raw_allan`` and
-    ``compensated_allan`` belong to the averaging times ``tau_s``.
+    compensation removed; it is negative if the fluctuation increased. ``raw_allan`` and
+    ``compensated_allan`` are the Allan deviations for the averaging times ``tau_s``.
     """
 
     raw_fluctuation: float
@@ -34,7 +33,7 @@ class Stability:
 
 
 def stability(raw: Vector, compensated: Vector, interval_s: float) -> Stability:
-    """Return the stability figures of two equally spaced series (N,) of one quantity."""
+    """Return the stability of two equally spaced series (N,) of one quantity."""
     if len(raw) != len(compensated) or len(raw) < 3:
         raise DataError(
             "stability",
@@ -56,11 +55,11 @@ def stability(raw: Vector, compensated: Vector, interval_s: float) -> Stability:
 
 
 def allan_deviation(values: Vector, interval_s: float) -> tuple[Vector, Vector]:
-    """Return averaging times (octaves) and the overlapping Allan deviation at each, for readings at
-    equal intervals.
+    """Return averaging times (octaves) and the overlapping Allan deviation of equally spaced
+    readings.
 
-    The Allan variance is half the mean square of the differences of neighbouring averages, from
-    every start (NIST SP 1065, 5.2.4).
+    The Allan variance is half the mean square of the differences of neighbouring averages (NIST SP
+    1065, 5.2.4).
     """
     sums = np.concatenate([[0.0], np.cumsum(values - np.mean(values))])
     lengths = [
@@ -78,8 +77,8 @@ def allan_deviation(values: Vector, interval_s: float) -> tuple[Vector, Vector]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arm:
-    """Arm from the first head to the second, x, y, z in mm (3,), with its standard uncertainties. A
-    component that no known rotation determines is NaN.
+    """The arm from the first head to the second, x, y, z in mm (3,), with its standard
+    uncertainties. A component is NaN if no known rotation determines it.
 
     ``residual_um`` contains the residuals of the fit for each straightness function.
     """
@@ -89,11 +88,10 @@ class Arm:
     residual_um: dict[str, Vector]
 
     def rms_um(self, name: str) -> float:
-        """Return the rms of the residuals of a straightness function."""
         return float(np.sqrt(np.mean(self.residual_um[name] ** 2)))
 
     def as_json(self) -> dict[str, object]:
-        """Return the arm as JSON values, with null for an undetermined component."""
+        """Return the arm as JSON values, with null for a component that is not determined."""
         mm, u_mm = (
             [value if np.isfinite(value) else None for value in each.tolist()]
             for each in (self.mm, self.u_mm)
@@ -109,11 +107,11 @@ def abbe_arm(
     position_mm: Vector, apart_um: Mapping[str, Vector], turning_urad: Mapping[str, Vector]
 ) -> Arm | None:
     """Return the arm between two heads on an axis from the differences of their straightness
-    functions; None if the differences do not determine the arm.
+    functions, or None if they do not determine it.
 
-    A carriage that turns by ``a`` moves a point at ``r`` by ``a x r``: both functions (EYX, EZX ..)
-    are fitted together by least squares, each with its own straight line, to the known rotations at
-    the same positions (EAX .., shapes (N,)). The uncertainties follow from the residuals.
+    A carriage that turns by ``a`` moves a point at ``r`` by ``a x r``. Both functions (EYX, EZX ..)
+    are fitted by least squares to the known rotations at the same positions (EAX .., shapes (N,)),
+    each with its own straight line. The uncertainties are computed from the residuals.
     """
     blocks = []
     for number, name in enumerate(apart_um):
@@ -152,9 +150,8 @@ def abbe_arm(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Differences of one quantity from a reference instrument at the measured positions, in the
-    unit of the quantity.
-    """
+    """Differences of a quantity from a reference instrument at the measured positions, in its
+    unit."""
 
     position_mm: Vector
     residual: Vector
@@ -170,12 +167,11 @@ def compare(
     reference: ArrayLike,
     line: LineMethod | None = None,
 ) -> Comparison:
-    """Return the measured values minus the reference, which is interpolated linearly between its
-    own positions.
+    """Return the measured values minus the reference, which is interpolated linearly.
 
-    With ``line`` (straightness) each of the two series has its own reference line removed; without
-    ``line`` (angles) each has its value at the first common position removed. Only positions within
-    the range of the reference are used. Raises DataError if these are fewer than two.
+    With ``line`` (straightness) the reference line of each series is removed, else (angles) its
+    value at the first common position. Only positions within the range of the reference are used.
+    Raises DataError for fewer than two such positions.
     """
     position, ours = (
         np.asarray(position_mm, dtype=np.float64),

@@ -1,6 +1,4 @@
-"""Propagation of the uncertainty of a head's calibration into straightness and angle, by a small
-change of each field of the calibration.
-"""
+"""Propagation of the uncertainty of a head's calibration to straightness and angle."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,9 +13,8 @@ Vector = NDArray[np.float64]
 
 
 def varied(head: Head, fields: Sequence[str], change: Vector) -> Head:
-    """Return the head with changed `regression.FIELDS`: the change is relative for gains, in mrad
-    for rolls, in urad per um for leaks, in mm for the lever.
-    """
+    """Return the head with changed `regression.FIELDS`: the change is relative for gains, in
+    mrad for rolls, in urad per um for leaks, in mm for the lever."""
     by = dict(zip(fields, change.tolist(), strict=True))
     return replace(
         head,
@@ -32,11 +29,11 @@ def varied(head: Head, fields: Sequence[str], change: Vector) -> Head:
 def spread(
     of: Callable[[Head], Vector], head: Head, fields: Sequence[str], covariance: Vector
 ) -> Vector:
-    """Return the standard uncertainty that the calibration gives to a quantity, shape like the
-    return of ``of``.
+    """Return the standard uncertainty of a quantity by the calibration, shape like the result of
+    ``of``.
 
-    The quantity is computed after a change of one standard deviation along each axis of the
-    covariance's ellipsoid (JCGM 100, 5.2.2, in its main axes).
+    The quantity is computed after a change of one standard deviation along each main axis of the
+    covariance's ellipsoid (JCGM 100, 5.2.2).
     """
     here = of(head)
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
