@@ -1,8 +1,8 @@
 """Figures of positioning tests: ISO 230-2, ISO 230-6, ASME B5.54 and VDI/DGQ 3441.
 
-None of these standards is public: the formulae come from general knowledge and agree with published
-readings (theory.md 8.1-8.5). Every result states this in ``source_status``, which is printed beside
-every figure.
+None of these standards is public: the formulae are from general knowledge and agree with published
+readings (theory.md 8.1-8.5). ``source_status`` of every result contains this fact, and every report
+prints it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,14 +24,13 @@ MIN_RUNS = 5
 MIN_TARGETS = 5
 LONG_AXIS_MM = 2000.0
 LONG_AXIS_INTERVAL_MM = 250.0
-"""Requirements of ISO 230-2 for a test: at least five runs and five targets a metre; on axes above
-2 m at most 250 mm between targets.
-"""
+"""Requirements of ISO 230-2: at least five runs, and five targets per metre; on axes above 2 m
+at most 250 mm between targets."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """The rule of a standard for widening a scatter: ``k`` standard deviations on each side."""
+    """The rule of a standard for a scatter: ``k`` standard deviations on each side."""
 
     standard: str
     k: float
@@ -47,16 +46,14 @@ COVERAGES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositioningRuns:
-    """Deviations (actual minus target) in um, ``up_um`` and ``down_um`` (targets, runs); without
-    ``down_um`` only one direction was measured.
-    """
+    """Deviations (actual minus target) in um: ``up_um`` and ``down_um`` (targets, runs);
+    ``down_um`` is None if only one direction was measured."""
 
     target_mm: Vector
     up_um: Vector
     down_um: Vector | None = None
 
     def __post_init__(self) -> None:
-        """Raise DataError if a table of deviations is incomplete."""
         for name, table in (("up_um", self.up_um), ("down_um", self.down_um)):
             if table is not None and (
                 table.ndim != 2 or len(table) != len(self.target_mm) or table.shape[1] < 1
@@ -76,9 +73,8 @@ class PositioningRuns:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositioningFigures:
-    """The figures of one axis or diagonal in um, in the symbols of ISO 230-2; ``None`` for figures
-    that the runs do not give.
-    """
+    """The figures of one axis or diagonal in um, with the symbols of ISO 230-2; None for figures
+    that the runs do not determine."""
 
     standard: str
     source_status: str
@@ -101,7 +97,7 @@ class PositioningFigures:
     findings: tuple[Finding, ...] = ()
 
     def numbers(self) -> dict[str, float]:
-        """Return the figures that the runs give, by symbol."""
+        """Return the figures that the runs determine, by symbol."""
         named = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in named.items() if isinstance(value, float)}
 
@@ -109,8 +105,7 @@ class PositioningFigures:
 def positioning_figures(
     runs: PositioningRuns, standard: str = "iso-230-2"
 ) -> PositioningFigures:
-    """Return the figures of an axis by the standard named in ``COVERAGES`` (theory.md 8.1; B5.54:
-    8.5).
+    """Return the figures of an axis by a standard in ``COVERAGES`` (theory.md 8.1; B5.54: 8.5).
 
     ``R_i = max(k s_up + k s_down + |B_i|, 2 k s_up, 2 k s_down)``: a linear sum, not the root of
     squares.
@@ -145,9 +140,8 @@ def positioning_figures(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagonalFigures:
-    """The figures of ISO 230-6 for each diagonal and for the machine: a figure of the machine is
-    the largest over its diagonals.
-    """
+    """The figures of ISO 230-6 for each diagonal and for the machine, which has the largest
+    figure of its diagonals."""
 
     standard: str
     source_status: str
@@ -159,9 +153,8 @@ class DiagonalFigures:
 
 
 def diagonal_figures(runs: Mapping[str, PositioningRuns]) -> DiagonalFigures:
-    """Return the figures of displacement tests along diagonals (theory.md 8.3), with targets as
-    distances along the diagonal.
-    """
+    """Return the figures of displacement tests along diagonals (theory.md 8.3); targets are
+    distances along the diagonal."""
     each = {name: positioning_figures(table) for name, table in runs.items()}
     return DiagonalFigures(
         standard="ISO 230-6:2002",
@@ -176,9 +169,8 @@ def diagonal_figures(runs: Mapping[str, PositioningRuns]) -> DiagonalFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VdiFigures:
-    """The figures of VDI/DGQ 3441 in um: position uncertainty P, position deviation Pa, reversal U,
-    position scatter Ps.
-    """
+    """The figures of VDI/DGQ 3441 in um: position uncertainty P, position deviation Pa, reversal
+    U, position scatter Ps."""
 
     standard: str
     source_status: str
@@ -191,9 +183,8 @@ class VdiFigures:
 
 
 def vdi_3441_figures(runs: PositioningRuns) -> VdiFigures:
-    """Return the figures of VDI/DGQ 3441 (theory.md 8.4). Raises DataError without both directions
-    and two runs of each.
-    """
+    """Return the figures of VDI/DGQ 3441 (theory.md 8.4). Raises DataError without two runs in
+    each direction."""
     s_up, s_down = _scatter(runs.up_um), _scatter(runs.down_um)
     if runs.down_um is None or s_up is None or s_down is None:
         raise DataError(
@@ -225,8 +216,7 @@ def arrange_runs(
     omitted passes.
 
     Odd passes are outward (up), even passes return (down). If the readings restart at zero in every
-    pass (``common_zero=False``), they contain no reversal value, and only the outward passes are
-    used.
+    pass (``common_zero=False``), they contain no reversal, and only the outward passes are used.
     """
     targets, row = np.unique(np.asarray(target_mm, dtype=np.float64), return_inverse=True)
     passes = np.asarray(pass_number, dtype=np.int64)
@@ -248,7 +238,6 @@ def _pass_columns(
     deviation: Vector,
     parity: int,
 ) -> Vector:
-    """Return a table with one column for each pass of a direction; a missing stop is NaN."""
     numbers = np.unique(passes[passes % 2 == parity])
     table = np.full((targets, len(numbers)), np.nan)
     for column, number in enumerate(numbers):
@@ -279,8 +268,7 @@ def _bidirectional_repeatability(
 
 def _accuracy(k: float, *directions: tuple[Vector | None, Vector | None]) -> float | None:
     """Return the range from the lowest ``mean - k s`` to the highest ``mean + k s`` over targets
-    and directions.
-    """
+    and directions."""
     tops, bottoms = [], []
     for mean, s in directions:
         if mean is None or s is None:
@@ -291,15 +279,13 @@ def _accuracy(k: float, *directions: tuple[Vector | None, Vector | None]) -> flo
 
 
 def _largest(values: Sequence[float | None]) -> float | None:
-    """Return the largest value of a figure over the diagonals, None if a diagonal lacks the figure:
-    a maximum over some diagonals is not a figure of the machine.
-    """
+    """Return the largest value of a figure, or None if a diagonal lacks it: a maximum over some
+    diagonals is not a figure of the machine."""
     known = [value for value in values if value is not None]
     return max(known) if known and len(known) == len(values) else None
 
 
 def _plan_findings(runs: PositioningRuns) -> tuple[Finding, ...]:
-    """Return the finding about a test with fewer runs or targets than ISO 230-2 requires."""
     span_mm = float(np.ptp(runs.target_mm))
     found = []
     if span_mm > LONG_AXIS_MM:

@@ -1,10 +1,10 @@
 """The measurement uncertainty of positioning figures, from the sources of ISO/TR 230-9.
 
 The report is not public: the effect of each source on each figure is derived in theory.md 8.7, and
-every result states this. Errors that grow with length (laser, alignment, temperature) stretch all
-runs equally: such errors are part of E, M and A and cancel in B and R. Errors that change from run
-to run (environment, noise of the reading) are averaged over the runs in E, M and B; R and A also
-have the uncertainty of a scatter computed from few runs.
+every result contains this fact. Errors proportional to length (laser, alignment, temperature) are
+equal in all runs: they are part of E, M and A and cancel in B and R. Errors that change from run to
+run (environment, noise) are averaged over the runs in E, M and B. R and A also have the uncertainty
+of a scatter from few runs.
 """
 
 from collections.abc import Mapping
@@ -19,10 +19,9 @@ SOURCE_STATUS = "sources of ISO/TR 230-9, combined by derivation; k = 2"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSources:
-    """Standard uncertainties in the runs of a setup: ``relative`` for every length (from
-    wavelength, air, expansion, cosine), ``reading_um`` for one reading, ``environment_um`` for the
-    drift within a run.
-    """
+    """Standard uncertainties in the runs of a setup: ``relative`` for every length (wavelength,
+    air, expansion, cosine), ``reading_um`` for one reading, ``environment_um`` for the drift
+    within a run."""
 
     relative: float
     reading_um: float
@@ -39,10 +38,10 @@ def expanded_um(
     """Return U (k = 2) in um of each figure of ``solver.iso230.PositioningFigures.numbers`` over a
     length.
 
-    ``runs`` are the numbers of upward and of downward runs: a repeated pass adds a run. B is the
-    largest of the reversal values at ``targets`` targets: noise alone increases B by up to sqrt(2
-    ln targets) standard uncertainties of a single value (the bound of the expected maximum of
-    normal variables), which counts as a rectangular limit.
+    ``runs`` are the numbers of upward and downward runs. B is the largest of the reversal values at
+    ``targets`` targets: noise increases it by up to sqrt(2 ln targets) standard uncertainties of
+    one value (a bound of the expected maximum of normal variables), which is treated as the limit
+    of a rectangular distribution.
     """
     stretch = sources.relative * length_mm * 1e3
     single = float(np.hypot(sources.reading_um, sources.environment_um))

@@ -1,5 +1,5 @@
-"""Reference lines of a straightness measurement and the deviations from them (ISO 230-1; theory.md
-8.6)."""
+"""Reference lines of a straightness measurement and the deviations from them (ISO 230-1;
+theory.md 8.6)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ LineMethod = Literal["end-point", "least-squares", "minimum-zone"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """A reference line with the offset in um and the slope in urad (1 um over 1 mm is 1 mrad)."""
+    """A reference line with the offset in um and the slope in urad."""
 
     offset_um: float
     slope_urad: float
@@ -31,9 +31,7 @@ class Line:
 
 
 def end_point_line(position_mm: Vector, deviation_um: Vector) -> Line:
-    """Return the line through the deviations at the lowest and the highest position; at a repeated
-    position it passes through the mean.
-    """
+    """Return the line through the mean deviations at the lowest and the highest position."""
     low, high = position_mm.min(), position_mm.max()
     at_low, at_high = (
         deviation_um[position_mm == low].mean(),
@@ -43,7 +41,6 @@ def end_point_line(position_mm: Vector, deviation_um: Vector) -> Line:
 
 
 def least_squares_line(position_mm: Vector, deviation_um: Vector) -> Line:
-    """Return the least-squares line of the deviations."""
     centre = position_mm.mean()
     arm = position_mm - centre
     return _through(
@@ -54,8 +51,7 @@ def least_squares_line(position_mm: Vector, deviation_um: Vector) -> Line:
 def minimum_zone_line(position_mm: Vector, deviation_um: Vector) -> Line:
     """Return the middle line of the narrowest strip that contains all deviations.
 
-    The strip touches an edge of the convex hull, so the search among the slopes of all edges is
-    exact.
+    The strip touches an edge of the convex hull, so a search over the slopes of all edges is exact.
     """
     slopes_urad = _hull_slopes_urad(position_mm, deviation_um)
     heights = deviation_um - 1e-3 * slopes_urad[:, None] * position_mm
@@ -74,7 +70,7 @@ _METHODS: dict[LineMethod, Callable[[Vector, Vector], Line]] = {
 def reference_line(
     position_mm: ArrayLike, deviation_um: ArrayLike, method: LineMethod = "end-point"
 ) -> Line:
-    """Return the reference line by a method; the positions may have any order and may repeat.
+    """Return the reference line by a method; positions may have any order and may repeat.
 
     Raises DataError if all positions are equal or a value is not a number.
     """
