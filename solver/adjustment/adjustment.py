@@ -86,21 +86,20 @@ from stepdiag.solver.model.warmth import at_one_temperature
 
 TILT_ROUNDS = 2
 SIZE_ROUNDS = 4
-"""Largest number of rounds in which assumed sizes are increased."""
 EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE, FIRST_STOPS)
 """Effects whose sizes are estimated before the search for wrong stops; none of them can explain
 a single wrong stop."""
 FOUND = (*EFFECTS.values(), TRIAL)
-"""Effects that are added to the model after a contradiction."""
+"""Effects that the search for contradictions adds to the model."""
 SETTLED = 0.02
-"""The iteration of the sizes ends when all sizes change by less than this share."""
+"""Relative change of a size below which its iteration ends."""
 PLAUSIBLE = {SETUP_SCALE: 2.0}
-"""In the search for contradictions an effect has at most its usual size. The scales of setups
-have twice the usual size, as for a survey of ten setups in one workshop: one length compares all
-seven setups, and a survey cannot distinguish large scales of all setups from one wrong setup."""
+"""Largest size of an effect in the search for contradictions, relative to its usual size
+(default 1). One length compares all seven setups, so a survey cannot distinguish large scales of
+all setups from one wrong setup. The value 2 is the spread of the scales of ten setups in one
+workshop."""
 MOST_TILT_MRAD = 200.0
-"""Largest possible mirror tilt: a tenth of it already moves the beam off the laser within 0.25
-m."""
+"""Largest accepted mirror tilt: a tenth of this tilt moves the beam off the laser within 0.25 m."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -156,7 +155,7 @@ class Adjustment:
 
     def as_usual(self, *found: str) -> MixedFit:
         """Return the fit in which no effect except growth and the effects ``found`` is larger
-        than usual. In this fit a large effect does not hide a contradiction."""
+        than usual, so that no large effect hides a contradiction."""
         return _as_usual(self.fit, self.effects, self.sizes, found)
 
     def plausible(self, *found: str) -> MixedFit:
@@ -226,12 +225,12 @@ def adjust(
     straightness: Sequence[MeasuredStraightness] = (),
     assumed: Assumptions | None = None,
 ) -> Adjustment:
-    """Adjust a survey; the ``straightness`` of a 4-DOF head adds rows.
+    """Return the adjustment of a survey; the ``straightness`` of a 4-DOF head adds rows.
 
-    Known angular functions are subtracted (theory 5.2); a function with an uncertainty is adjusted
-    within it. Unknown angular functions, drift and the scales of setups are random effects of the
-    ``assumed`` sizes, unless the readings show other sizes. Raises ``UsageError`` for an invalid
-    chain and ``DataError`` for angles that do not cover the volume.
+    Known angular functions are subtracted (theory 5.2) and adjusted within their uncertainty.
+    Unknown angular functions, drift and the scales of setups are random effects of the ``assumed``
+    sizes, unless the readings show other sizes. Raises ``UsageError`` for an invalid chain and
+    ``DataError`` for angles that do not cover the volume.
     """
     usual = assumed or Assumptions()
     return _Task(
@@ -240,8 +239,6 @@ def adjust(
 
 
 def _both_ways(layout: Layout) -> bool:
-    """Return whether any setup was driven out and back, so that backlash is an unknown and not a
-    fault of the count."""
     ways = {(key.setup, key.outward) for key in layout.passes}
     return any((name, not outward) in ways for name, outward in ways)
 
@@ -347,10 +344,9 @@ class _Task:
     def _first_scatter(self) -> MixedFit:
         """Return the fit with the first estimate of the scatter.
 
-        One wrong stop hardly changes the robust scatter. A step of millimetres would, because it
-        changes every residual of its pass. Such a step is therefore searched for before, with the
-        usual sizes, and omitted from the scatter. No search is necessary if the readings scatter
-        less than assumed.
+        A step of millimetres changes every residual of its pass and would enlarge the scatter, so
+        it is searched for first, with the usual sizes. If the readings scatter less than assumed,
+        there is no such step.
         """
         current = self._fit_with_tilts()
         within = current.chi_square <= current.freedom
@@ -365,8 +361,8 @@ class _Task:
     def _open_beside(self, current: MixedFit) -> MixedFit:
         """Return the fit that includes the explanations outside the model, each with its size.
 
-        They are searched for in a fit whose growth and scales of setups are not larger than usual,
-        because these explain a length equally well. The sizes of all other effects do not change.
+        The search uses a fit whose growth and scales of setups are not larger than usual, because
+        large ones would explain the same lengths.
         """
         alike = np.array(
             [effect.name in (GROWTH, SETUP_SCALE) for effect in self.effects], dtype=np.bool_
@@ -398,7 +394,7 @@ class _Task:
         """Return the fit with the readings of two setups exchanged, and a finding, if only
         exchanged names agree with all other readings.
 
-        Only the readings decide: a head with a wrong sign would also agree with exchanged names.
+        The test omits the head, because a head with a wrong sign also agrees with exchanged names.
         """
         usual = _as_usual(current, self.effects, self.sizes)
         if heads := sum(len(one.position_mm) for one in self.straightness):
@@ -422,8 +418,8 @@ class _Task:
         return self._find_scatter(self._fit_with_tilts(), robust=True)
 
     def _with_right_signs(self, current: MixedFit) -> MixedFit:
-        """Return the fit with the signs of angular functions reversed, and a finding, if only
-        the reversed sign agrees with all other data."""
+        """Return the fit with reversed signs of angular functions, and a finding, if only the
+        reversed sign agrees with all other data."""
         right = sorted(self.angles)
         while wrong := wrong_signs(
             current, {name: self._change_by_sign(name) for name in right}
@@ -437,7 +433,7 @@ class _Task:
             self.findings += [error("angles-far.sign", name=name) for name in wrong]
             right = [name for name in right if name not in wrong]
             current = self._find_scatter(self._fit_with_tilts(), robust=True)
-        # the sign of a function within its expanded uncertainty is not determined
+        # a function within its expanded uncertainty has no known sign
         large = [
             name
             for name in right
@@ -451,8 +447,6 @@ class _Task:
         return current
 
     def _change_by_sign(self, name: str) -> Vector:
-        """Return the change of the target if the sign of an angular function is reversed, shape
-        (rows,)."""
         alone = {name: self.angles[name]}
         beside = [2.0 * of_known_angles(self.design, one, alone) for one in self.straightness]
         change = np.concatenate(
@@ -478,8 +472,6 @@ class _Task:
         return self._with_effects(current.fixed)
 
     def _with_effects(self, fixed: Fit, near: Vector | None = None) -> MixedFit:
-        """Return a fit with random effects of their most likely sizes; ``near`` is the start of
-        the search."""
         found, self.sizes = self._found(fixed, self.effects, near)
         return found
 
@@ -495,7 +487,6 @@ class _Task:
         return sized(usual, sizes.factor[group]), sizes
 
     def _causes(self, fixed: Fit, effects: Sequence[Effect]) -> Causes:
-        """Return the random effects of a fit, cached for the same fit and effects."""
         before, those, causes = self.known
         same = (
             causes is not None
@@ -525,8 +516,6 @@ class _Task:
         self.u[self.misses.rows] = scatter.misses_um[self.misses.kind]
 
     def _find_scatter(self, current: MixedFit, *, robust: bool) -> MixedFit:
-        """Return the fit with the estimated scatter of its residuals. With ``robust``, wrong
-        stops hardly influence the scatter."""
         last = np.zeros_like(self.scatter.log_um)
         for _ in range(ROUNDS):
             before = self.scatter
@@ -534,8 +523,8 @@ class _Task:
                 current, self.layout, self.misses, before, self.usual_scatter, robust=robust
             )
             if found.near(before, self.layout):
-                # the fit uses the previous scatter, so the reported noise is the noise of its
-                # weights
+                # the fit uses the previous scatter, so the noise of its weights is
+                # reported
                 self.scatter = replace(
                     before,
                     freedom_misses=found.freedom_misses,
@@ -554,12 +543,12 @@ class _Task:
         )
 
     def _target_for(self, unknowns: Vector) -> Vector:
-        """Return the deviations without the second-order effects of the estimated tilts, shape
-        (m,).
+        """Return the deviations corrected for the second-order effects of the estimated tilts,
+        shape (m,).
 
         Mirror and beam tilt together (theory 4.2): every reading is shorter by nu^2/2 of its
-        length, and measures machine errors along the normal instead of the diagonal. The correction
-        is subtracted from the deviations, so that the rows do not change.
+        length, and measures machine errors along the mirror's normal instead of the diagonal. The
+        correction changes the deviations, not the rows.
         """
         tilt_mrad = _tilts(self.design, unknowns, len(self.layout.setups))
         self._refuse_impossible(tilt_mrad)
@@ -585,7 +574,6 @@ class _Task:
         return corrected
 
     def _refuse_impossible(self, tilt_mrad: Vector) -> None:
-        """Raise ``DataError`` for a tilt at which no beam returns: the iteration would diverge."""
         size = np.linalg.norm(tilt_mrad, axis=1)
         if not np.all(size <= MOST_TILT_MRAD):
             setup = self.layout.setups[
@@ -616,11 +604,11 @@ class _Task:
         return current
 
     def _worst(self, current: MixedFit) -> Suspicion | None:
-        """Return the worst contradiction.
+        """Return the contradiction with the highest odds.
 
-        In the first search no effect is larger than usual, so that an effect cannot hide the
-        contradiction. The contradiction is valid if it explains the readings better than larger
-        effects do. Otherwise the search is repeated with the estimated sizes.
+        In the first search no effect is larger than usual, so that no effect hides a contradiction.
+        A contradiction is valid if it explains the readings better than larger effects do.
+        Otherwise the search is repeated with the estimated sizes.
         """
         every = counts(current.fixed, self.layout)
         as_usual = _as_usual(current, self.effects, self.sizes)
@@ -634,15 +622,13 @@ class _Task:
         return None if found is None else self._beside(current, found)
 
     def _beside(self, fit: MixedFit, found: Suspicion) -> Suspicion | None:
-        """Return the contradiction, or None if a product or a scale explains it nearly as well
-        (`solver.adjustment.explanations`)."""
+        """Return the contradiction ``found``, or None if a product or a scale explains it nearly
+        as well (`solver.adjustment.explanations`)."""
         if found.best.odds <= most_odds_beside(fit, self.layout) + np.log(ODDS):
             return None
         return found
 
     def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
-        """Return whether the readings are more likely with the suspicion than without it, each
-        with estimated sizes."""
         with_it, _ = self._found(
             current.fixed, [*self.effects, trial_of(self.layout, suspicion)]
         )
@@ -653,7 +639,7 @@ class _Task:
         )
 
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
-        # more contradictions than this have another cause than single wrong stops
+        # so many contradictions are not caused by single wrong stops
         most = max(2, int(len(self.layout) / ODDS))
         for found in range(most + 1):
             suspicion = self._worst(current)
@@ -673,8 +659,6 @@ class _Task:
 
 
 def _kinds_of_misses(layout: Layout) -> NDArray[np.int64]:
-    """Return the kind of each move's positioning deviation: its axis, or `FIRST` at the first
-    stop of a pass."""
     row, axis = np.nonzero(layout.arrival >= 0)
     _, at = np.unique(layout.arrival[row, axis], return_index=True)
     begins = np.diff(layout.pass_index, prepend=-1)[row[at]] != 0
@@ -685,8 +669,8 @@ def _kinds_of_misses(layout: Layout) -> NDArray[np.int64]:
 def _smallest_machine(design: Design, current: AnyFit) -> Vector:
     """Return the unknowns with the smallest machine errors that explain the readings.
 
-    Tilts and machine slopes have a common part that is not identified. This part is assigned to the
-    tilts, which are a thousand times larger.
+    The part of tilts and machine slopes that the readings do not separate is assigned to the tilts,
+    which are a thousand times larger.
     """
     null = current.inverse.null
     if not null.shape[1]:

@@ -1,8 +1,8 @@
-"""The unbroken counts of a survey, and how visible a wrong reading, a step or a random walk in each
-of them is after a fit.
+"""The unbroken counts of a survey, and the visibility of a wrong reading, a step or a random walk
+in each count after a fit.
 
-The figures are computed once for a fit without random effects; random effects of any size are a
-small correction.
+The visibilities are computed for a fit without random effects; random effects are a small
+correction.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -21,19 +21,20 @@ LEAST_ROWS = 3
 """Largest number of readings with which a step cannot be distinguished from a wrong first or
 last stop."""
 MOST_WAVES = 48
-"""Number of components of a random walk: they contain 99 % of its variance."""
+"""Number of components of a random walk, which contain 99 % of its variance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Count:
     """An unbroken count: its used ``rows`` (k,) in the order of time. ``way`` is the name of its
-    setup without the number of the repetition; ``place`` (k,) are the numbers of the targets;
+    setup without the number of the repetition. ``place`` (k,) are the numbers of the targets.
     ``along_mm`` (k,) is the distance along the travel.
 
-    After the fit, a pattern h of the readings has the visibility h' W R h: W are the weights, R
-    removes the unknowns. ``stop`` (k,) is the visibility of an error of one reading, ``step`` (k,)
-    of an error of one reading and all later readings. ``walk`` (k, r) are the largest components of
-    a random walk of 1 um per step, ``walked`` (r, r) their visibility.
+    The visibility of a pattern h of the readings after the fit is h' W R h: W are the weights, R
+    removes the unknowns. ``stop`` (k,) is the visibility of an error of one reading. ``step`` (k,)
+    is the visibility of an equal error of one reading and all later readings. ``walk`` (k, r) are
+    the largest components of a random walk of 1 um per step, and ``walked`` (r, r) is their
+    visibility.
     """
 
     rows: NDArray[np.int64]
@@ -48,10 +49,10 @@ class Count:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Way:
-    """All passes over one travel: ``rows`` (k,) are their readings. ``pattern`` (k, c) has a column
-    for an error at each repeated target and for a step at it.
+    """All passes with the same travel: ``rows`` (k,) are their readings. ``pattern`` (k, c) has a
+    column for an error at each repeated target and a column for a step at the target.
 
-    ``left`` (c,) is the visibility h' W R h (`Count`) of each column h; ``whole`` (c,) is h' W h;
+    ``left`` (c,) is the visibility h' W R h (`Count`) of each column h; ``whole`` (c,) is h' W h.
     ``named`` (c,) is the first reading at the target.
     """
 
@@ -94,7 +95,7 @@ def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> 
 def short_counts(
     fixed: Fit, layout: Layout, kinds: Collection[str]
 ) -> list[NDArray[np.int64]]:
-    """Return the rows of every unbroken count with two to `LEAST_ROWS` used readings."""
+    """Return the rows of every unbroken count with 2 to `LEAST_ROWS` used readings."""
     return [rows for rows in _unbroken(fixed, layout, kinds) if 1 < len(rows) <= LEAST_ROWS]
 
 
@@ -118,12 +119,12 @@ def _count(
     place: NDArray[np.int64],
     rows: NDArray[np.int64],
 ) -> Count:
-    """Return a count from the matrix W R = W - W A C A' W of its rows. ``weight`` (k,) is the
-    diagonal of W, ``among`` is A C A'."""
+    """Return a count from the matrix W - W A C A' W of its rows. ``weight`` (k,) is the diagonal
+    of W, ``among`` is A C A'."""
     walk = walk_of(len(rows))
     own = weight**2 * among.diagonal()
-    # an error of all later readings: the sum of the own part and of twice the common part with each
-    # later reading
+    # a step is the sum of the own parts of all later readings, and of twice the common part with
+    # every reading after each of them
     common = weight * among.with_those_after(weight)
     weighted = weight[:, None] * walk
     return Count(
@@ -139,8 +140,6 @@ def _count(
 
 
 def _way_of(fixed: Fit, driven: Sequence[Count]) -> Way | None:
-    """Return the travel with weighted sums of all readings at each target, or None if at most
-    `LEAST_ROWS` targets are repeated."""
     rows, target, along_mm = (
         np.concatenate([getattr(count, name) for count in driven])
         for name in ("rows", "place", "along_mm")
@@ -195,7 +194,6 @@ class _Among:
         return product
 
     def with_those_after(self, values: Vector) -> Vector:
-        """Return the part above the diagonal times ``values`` (k,)."""
         own, across = (after_each(values[:, None] * part) for part in (self.own, self.across))
         product: Vector = self.above @ values + np.sum(
             self.across * own + self.own * across, axis=1
@@ -207,7 +205,7 @@ def _among_each(fixed: Fit, every: Sequence[NDArray[np.int64]]) -> Iterator[_Amo
     """Yield, for each count, the covariance A C A' of its fitted readings: A are its rows, C is the
     covariance of the unknowns.
 
-    Repetitions of a pass differ only in columns that are equal in all their rows (zero, drift): A =
+    Repetitions of a pass differ only in columns that are constant within a count (zero, drift): A =
     B + D. The product B C B' is computed once for successive repetitions.
     """
     some = [fixed.rows.select(rows) for rows in every]

@@ -24,27 +24,30 @@ from stepdiag.solver.model.noise import LEAST_FREEDOM
 from stepdiag.solver.model.vector import closure_um, diagonal_data
 
 TILT_LIMIT_MRAD = 2.0
-"""Above this tilt the mirror must be realigned: the beam leaves the detector, and second-order
-terms are micrometres."""
+"""Mirror tilt above which the mirror must be realigned: the beam leaves the detector, and
+second-order terms are micrometres."""
 DRIFT_LIMIT_UM = 2.0
-"""Larger drifts are reported; a warm machine drifts less during an out-and-back pair."""
+"""Drift of an out-and-back pair above which it is reported; the drift of a warm machine is
+smaller."""
 IN_TIME = ("drift", "wander", "wandering pass")
 """Random effects that change a count during a pass."""
 NOISE_LIMIT_UM = 1.0
-"""Larger standard uncertainties of a reading are reported."""
+"""Standard uncertainty of a reading above which it is reported."""
 FAR_NOISE = 10.0
-"""An export is refused above this multiple of the limit."""
+"""Multiple of `NOISE_LIMIT_UM` above which an export is refused."""
 REPEATS_UM = 5.0
-"""Largest possible repeatability: three times that of a worn machine. If it is larger, a mirror
-or a beam has moved."""
+"""Largest possible repeatability: three times that of a worn machine. A larger value means that
+a mirror or a beam has moved."""
 TOO_LOW = 2.0
-"""The stated uncertainty is too small if the scatter is larger by this factor. An excess of 20 %
-can be chance."""
+"""Ratio of the scatter to the stated uncertainty above which the stated uncertainty is too
+small. An excess of 20 % can be chance."""
 GREW_UM_M, GREW_SURE = 5.0, 3.0
-"""Growth below half a kelvin of steel needs no warm-up."""
+"""Growth in um/m and in standard uncertainties above which it is reported: half a kelvin of
+steel."""
 MISCLOSED, MISCLOSED_FAR = 2.0, 3.5
-"""A scale misclosure of more than 2.0 standard uncertainties is reported; above 3.5 an export is
-refused. Of 200 good surveys of ordinary machines two were reported and none was refused."""
+"""Number of standard uncertainties of a scale misclosure above which it is reported (2.0), and
+above which an export is refused (3.5). Of 200 good surveys of ordinary machines two were
+reported and none was refused."""
 
 
 def travel_report(layout: Layout, setup: Setup) -> SetupReport:
@@ -80,11 +83,8 @@ def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
 
 
 def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
-    """Return the drift of the count in every out-and-back pair where it is identified.
-
-    The drift is the sum of the linear part, which is an unknown, and of the random effects in
-    `IN_TIME`.
-    """
+    """Return the drift of the count in every out-and-back pair where it is identified: the sum
+    of the linear part, which is an unknown, and of the random effects in `IN_TIME`."""
     columns, fit = found.design.columns, found.fit
     drifts: list[Drift] = []
     for index, (name, pair, timed) in enumerate(found.design.drift_pairs):
@@ -121,8 +121,6 @@ def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
 
 
 def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
-    """Return the effect of one unit of every random effect on the drift between the first and
-    the last of some readings, shape (random effects,)."""
     kinds = np.repeat(
         [effect.name in IN_TIME for effect in found.effects],
         [effect.count for effect in found.effects],
@@ -132,20 +130,16 @@ def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
         of_count = rows[found.layout.offset_index[rows] == number]
         added += found.fit.causes.pattern[
             of_count[-1]
-        ]  # these effects are zero at the first reading
+        ]  # the effects in `IN_TIME` are zero at the first reading
     return np.where(kinds, added, 0.0)
 
 
 def _repeatability_um(
     layout: Layout, place: NDArray[np.int64], deviation_um: Vector, setup: str
 ) -> float | None:
-    """Return the standard deviation of a stop between passes in the same direction, or None without
-    repetitions.
-
-    ``deviation_um`` (m,) has no steps of the count, and is NaN for an omitted stop. Stops are
-    compared by the target numbers ``place`` (m,), because the order of the axes may differ between
-    passes.
-    """
+    """Return the standard deviation of a stop between passes in the same direction, or None
+    without repetitions. Stops are compared by the target numbers ``place`` (m,), because the
+    order of the axes may differ between passes."""
     squares, freedom = 0.0, 0
     for outward in (True, False):
         mine = [
@@ -193,14 +187,13 @@ def closure_report(layout: Layout) -> Closure | None:
 
 def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     """Return the scale misclosure: the length of a body diagonal by the diagonals minus its length
-    by the linear runs, in um, with its standard uncertainty (theory 6.4). The result is None if the
-    readings do not compare these lengths.
+    by the linear runs, in um, with its standard uncertainty (theory 6.4). Return None if the
+    readings do not compare diagonals and runs.
 
     Angles have at least their assumed size, because the closure does not show slopes of pitch and
     yaw. Growth has its estimated size. Drift and scales of setups have a plausible size
-    (`solver.adjustment.adjustment.PLAUSIBLE`), because otherwise this one length could enlarge them
-    until it contradicts nothing. Products have their estimated size if the finding is about the
-    machine.
+    (`solver.adjustment.adjustment.PLAUSIBLE`), because a free size would absorb the misclosure.
+    Products have their estimated size if the finding is about the machine.
     """
     layout = found.layout
     machine = (BESIDE,) if found.explained.machine_named else ()
@@ -225,7 +218,7 @@ def scale_findings(found: Adjustment) -> list[Finding]:
     """Return the finding on diagonals and linear runs with different scales.
 
     Four diagonals compare one length (theory 3, E5), so the readings do not show which setup is
-    wrong. The finding contains every candidate with its size; a large misclosure refuses an export.
+    wrong. The finding lists every candidate with its size. A large misclosure refuses an export.
     """
     both = scale_misclosure(found)
     if both is None or abs(both[0]) <= MISCLOSED * both[1]:
@@ -275,7 +268,7 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
         )
         findings.append(finding("info", words))
     rms_um = np.array([_stated_um(found, index) for index in range(len(found.layout.setups))])
-    # without separate noise, a repeatability as assumed is a sufficient explanation
+    # if noise is not separated from misses, the assumed repeatability explains part of the scatter
     beside_um = np.where(separated(found.layout), 0.0, found.assumed.repeatability_um)
     low = (np.hypot(rms_um, scatter.noise_um) > TOO_LOW * np.hypot(rms_um, beside_um)) & (
         scatter.freedom_noise >= LEAST_FREEDOM
@@ -296,15 +289,13 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
 
 
 def _stated_um(found: Adjustment, index: int) -> float:
-    """Return the root mean square of the stated uncertainties of a setup, infinite if one is
-    missing."""
     stated = found.layout.u_um[found.layout.setup_index == index]
     return float(np.sqrt(np.mean(stated**2))) if np.all(np.isfinite(stated)) else np.inf
 
 
 def growth_findings(found: Adjustment) -> list[Finding]:
-    """Return the finding on axes whose length changed during the survey by more than `GREW_UM_M`
-    and chance."""
+    """Return the finding on axes whose length grew during the survey by more than `GREW_UM_M`
+    and `GREW_SURE`."""
     if GROWTH not in {effect.name for effect in found.effects} or not found.explained.grows:
         return []
     place = found.first_cause(GROWTH)
@@ -372,8 +363,6 @@ def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
 
 
 def _no_machines(reports: Mapping[str, SetupReport], scatter: Scatter) -> list[Finding]:
-    """Return an error for a machine or a setup whose scatter is impossible for a working
-    machine."""
     repeats_um, times = scatter.repeatability_um, FAR_NOISE
     found = (
         [error("noise-high.machine", repeatability_um=repeats_um)]

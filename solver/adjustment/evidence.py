@@ -3,38 +3,38 @@
 The readings are normal for given standard deviations of the random effects, ``y = A x + B a + e``
 (`solver.model.design`, `solver.model.effects`). An explanation is an additional pattern h: a wrong
 stop, a step of the count, either of them in each repetition of a pass, the scale of a setup, or a
-product of two axes in a component of the machine's errors (and y^2 z in Z, a ram that sags). With
-V, the covariance of the readings including the random effects, and R, which removes the unknowns x
-(Baarda 1968):
+product of two axes in a component of the machine's errors (and y^2 z in Z, a ram that sags). V is
+the covariance of the readings including the random effects, and R removes the unknowns x (Baarda
+1968):
 
     shown = h' V^-1 R y
     seen = h' V^-1 R h
     most likely size = shown / seen
     z^2 = shown^2 / seen
 
-The size t is unknown. Its standard deviation has a prior from the uncertainty 1 / sqrt(seen) up to
-2000 times this value; each power of two has the same probability. The Bayes factor against "no
-error" is the mean over these standard deviations of
+The size t is unknown. The prior of its standard deviation begins at the uncertainty 1 / sqrt(seen)
+and ends at 2000 times this value; each power of two has the same probability. The Bayes factor
+against "no error" is the mean over these standard deviations of
 
     p(y | t) / p(y | 0) = (1 + t^2 seen)^-1/2 exp(1/2 gain(z^2 t^2 seen / (1 + t^2 seen)))
 
-For a known noise, gain(q) = q. The noise is estimated from the same residuals, so gain is that of
-the profile likelihood (`solver.linear.components.gained`). The first factor reduces the odds of an
-explanation with a free size. Explanations with the same pattern have the same z and the same Bayes
-factor, because sizes are relative to the uncertainty. A wandering pass and growth in time consist
-of many patterns with a common standard deviation. The odds also contain the prior of the kind
-(`PRIOR`), divided among the explanations of this kind:
+For a known noise, gain(q) = q. The noise is estimated from the same residuals, so gain is the gain
+of the profile likelihood (`solver.linear.components.gained`). The first factor reduces the odds of
+an explanation with a free size. Explanations with the same pattern have the same Bayes factor,
+because sizes are relative to the uncertainty. A wandering pass and growth in time consist of many
+patterns with a common standard deviation. The prior probability of a kind of explanation (`PRIOR`)
+is divided among the explanations of this kind:
 
     odds_k = prior_k / (number of its kind) * Bayes factor_k
     p_k = odds_k / (1 + sum of all odds)
 
 The limit is `ODDS` = 20. The best stop, step or pass is a contradiction if its odds are 20 times
-those of no error, of every scale and of every product. It is omitted if its odds are also 20 times
-those of every other fault (`solver.adjustment.faults`), and the search is repeated. After the
-repair, the explanations that are still probable are the mixture of the result
-(`solver.adjustment.explanations`).
+the odds of no error, of every scale and of every product. The contradiction is omitted from the fit
+if its odds are also 20 times those of every other fault (`solver.adjustment.faults`), and the
+search is repeated. The explanations that are still probable at the end form the mixture of the
+result (`solver.adjustment.explanations`).
 
-No rejected explanation needs a new fit: its odds are products of the pattern with the existing
+A rejected explanation needs no new fit: its odds are products of the pattern with the existing
 inverse.
 """
 
@@ -68,27 +68,27 @@ PRIOR = {
     SCALE: 0.2,
     **dict.fromkeys((PRODUCT, PLACE, WALK, TURNED), 0.1),
 }
-"""Prior probability that a survey has an error of this kind. Every second survey begins on a cold
-machine. One survey of three has a wrong stop or a step. In one survey of five a setup has another
-scale, from its wavelength, air or target. Less frequent are products as large as the machine's
-functions, a place with a local error, a wandering pass, and a head with a wrong sign.
+"""Prior probability that a survey has an explanation of each kind. Every second survey begins on a
+cold machine. One survey of three has a wrong stop or a step of the count. In one survey of five a
+setup has another scale, from its wavelength, air or target. Products as large as the machine's
+functions, a place with a local error, a wandering pass, and a head with a wrong sign are less
+frequent.
 
-Of 120 surveys with a scale of 0 to 40 um/m in one setup, 17 had errors beyond U with a prior of 0.1
-for a scale, 10 with 0.2, and 5 with 0.3. With 0.3 the cause is ambiguous for a machine that warms
-up.
+120 surveys had a scale of 0 to 40 um/m in one setup. With a prior of 0.1 for a scale, 17 of these
+surveys had errors beyond U, with 0.2 10, and with 0.3 5. A prior of 0.3 makes a machine that warms
+up ambiguous.
 """
 PRIOR[EXCHANGED] = PRIOR[SCALE] / ODDS
-"""In one survey of a hundred two names are exchanged."""
+"""Two names of setups are exchanged in one survey of a hundred."""
 GROWING = 4.0 ** np.arange(12)
-"""Squares of equally likely standard deviations, relative to the uncertainty of the readings: 1
-to 2000 times the uncertainty."""
+"""Squares of the equally likely standard deviations of a size, relative to the uncertainty by
+the readings."""
 SURE = 1.0 - 1.0 / ODDS
-"""Probability that an error is within U."""
+"""Probability of an error within U."""
 HIDDEN = 1e-6
-"""Smallest visible share of a pattern: with a smaller share the fit cannot separate the pattern
-from the unknowns."""
+"""Smallest share of a pattern that the fit separates from the unknowns."""
 DECIMALS = 6
-"""Decimals of log-odds that are compared: smaller differences are rounding."""
+"""Number of decimals of log-odds that are compared; smaller differences are rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -178,17 +178,15 @@ def visible(seen: Vector, whole: Vector) -> Vector:
 
 def evidence_of(fit: MixedFit, shown: Vector, seen: Vector, most: float = np.inf) -> Evidence:
     """Return the evidence of explanations against "no error", from their ``shown`` and ``seen``
-    (c,).
-
-    A pattern that is not visible has no evidence and the size 0. No size is larger than ``most``.
-    """
+    (c,); no size is larger than ``most``. A pattern that the readings do not show has no
+    evidence and the size 0."""
     some = seen > 0
     safe = np.where(some, seen, 1.0)
     best = shown**2 / safe
     share = (GROWING / (1.0 + GROWING))[:, None]
     likely = 0.5 * (gained(fit, fit.chi_square - best * share) - np.log1p(GROWING)[:, None])
     log_odds, weight = _mean(np.where(GROWING[:, None] <= most**2 * safe, likely, -np.inf))
-    # for each prior width, the size and its variance shrink towards zero
+    # for each standard deviation of the prior, the size and its variance shrink towards zero
     square = np.sum(weight * (best * share**2 + share), axis=0) / safe
     return Evidence(np.where(some, log_odds, -np.inf), np.where(some, square, 0.0))
 
@@ -214,10 +212,10 @@ def directions(seen: Vector, shown: Vector) -> tuple[Vector, Vector]:
 
 def standing_out(freedom: int, prior: float, most: float) -> float:
     """Return the number of standard uncertainties at which one pattern has the odds `ODDS`, at most
-    ``most``.
+    ``most``. ``prior`` is the logarithm of its prior probability.
 
     With few degrees of freedom the pattern is a large part of the square sum from which the noise
-    is estimated. ``prior`` is a logarithm.
+    is estimated.
     """
     size = np.linspace(1.0, most, 10 * int(most))
     left = 1.0 - size**2 / (freedom + size**2) * (GROWING / (1.0 + GROWING))[:, None]
@@ -226,7 +224,6 @@ def standing_out(freedom: int, prior: float, most: float) -> float:
 
 
 def _mean(likely: Vector) -> tuple[Vector, Vector]:
-    """Return the logarithm of the mean over the rows, and the share of each row in it."""
     most = np.max(likely, axis=0)
     weight = np.exp(likely - most)
     total = np.sum(weight, axis=0)

@@ -1,7 +1,7 @@
 """Two setups with exchanged names.
 
-The steps of two diagonals can have the same lengths, so that the laser accepts either name. Only
-with the right names do the readings of all setups agree on one machine. The evidence of an exchange
+The steps of two diagonals can have the same lengths, so that the laser's steps fit either name. The
+readings of all setups agree on one machine only with the right names. The evidence of an exchange
 is its gain in likelihood (`solver.adjustment.evidence`). An exchange also explains part of a large
 step, so it is compared with the stops, steps and walks of the same fit.
 """
@@ -23,7 +23,8 @@ from stepdiag.solver.model.layout import Layout
 
 def exchange(usual: MixedFit, layout: Layout) -> tuple[tuple[int, int], Vector] | None:
     """Return the two setups whose exchange has `ODDS` against no exchange and against every fault
-    of a pass, and the change of the target (rows,) by the exchange; None without such a pair.
+    of a pass, and the change of the target (rows,) by the exchange. Return None without such a
+    pair.
 
     The random effects of ``usual`` are not larger than usual, so that they do not hide an exchange.
     """

@@ -1,30 +1,30 @@
 """Theory of operation: errors of a whole survey, and the mixture that is its result.
 
-A wrong stop, step or pass has its own residuals (`solver.adjustment.faults`). The errors in this
-module have not: the scale of a setup, machine errors that are not a function of one axis
-(`PRODUCTS`: products of two axes in a component, and y^2 z in Z, a ram that sags), and unusual
-growth. One length compares the seven setups of a usual survey, so most of these errors explain it
+A wrong stop, step or pass has its own residuals (`solver.adjustment.faults`). Three kinds of errors
+have none: the scale of a setup, machine errors that are not a function of one axis (`PRODUCTS`:
+products of two axes in a component, and y^2 z in Z, a ram that sags), and unusual growth. One
+length compares the seven setups of a usual survey, so most of these errors explain this length
 equally well. `solver.adjustment.evidence` computes their odds. Stops, steps and walks are compared
 too, so that a product does not explain their part. Growth and scales of all setups have at most
 their usual size, because they explain the same length.
 
-- A kind is in the mixture if its odds are at least 1 / `ODDS` of the best odds, including "no
-error". The same rule applies to an explanation within its kind. A good survey has no such
-explanation. - A cause is reported by name if it has `ODDS` times the probability of all other
-explanations together. - If setups and products have more than half of the probability and no cause
-has a name, all candidates are reported (`solver.methods.doubt`). If growth is a candidate, they are
-reported only if a compensation could increase the error. An export is refused by the lengths
+- A kind of explanation is in the mixture if its odds are at least 1 / `ODDS` of the best odds,
+including "no error". The same rule applies within a kind. The mixture of a good survey has no
+explanations. - An explanation is the named cause if it has `ODDS` times the probability of all
+other explanations together. - If setups and products have more than half of the probability without
+a named cause, all candidates are reported (`solver.methods.doubt`). With growth as a candidate,
+they are reported only if a compensation could increase the error. The lengths can refuse an export
 (`solver.adjustment.diagnostics.scale_findings`).
 
 Each explanation in the mixture is a random effect with a share of its expected square E[t^2 | k,
-y], for estimate, budget, posterior and predictions. The normal distribution with the moments of the
-mixture has the share p_k, the probability. If k is true, the error of the mixture is t (1 - p); 2 u
-covers this error with the share (1 - p)^2 / 4p. The smallest set of kinds with `SURE` of all
-probability, including "no error", therefore has the shares
+y], for estimate, budget, posterior and predictions. A normal distribution with the moments of the
+mixture has the share p_k, the probability of explanation k. If k is true, the error of the mixture
+is t (1 - p); 2 u covers this error with the share (1 - p)^2 / 4p. Explanations in the smallest set
+of kinds with `SURE` of all probability, including "no error", therefore have the share
 
     max(p_k, (1 - p_k) / 4)
 
-Products are not functions of one axis: the posterior contains them as separate numbers, and no
+Products are not functions of one axis: the posterior contains products as separate numbers, and no
 table contains them.
 """
 
@@ -62,7 +62,7 @@ from stepdiag.solver.model.effects import BESIDE, ONE_SCALE, ONE_WALK, Effect
 from stepdiag.solver.model.layout import Layout
 
 MOST_UM, MOST_UM_M = 50.0, 200.0
-"""Largest size that is searched for."""
+"""Largest size in the search, of products in um and of scales in um/m."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,8 +106,8 @@ class Explained:
 
     @property
     def machine_named(self) -> bool:
-        """Return whether all products together have `ODDS` times the probability of everything
-        else."""
+        """Return whether all products together have `ODDS` times the probability of all other
+        explanations."""
         return _outweighs(self.of_kind(PRODUCT))
 
     @property
@@ -122,7 +122,7 @@ class Explained:
         return np.flatnonzero(np.array(self.kinds) == kind)
 
     def of_kind(self, kind: str) -> float:
-        """Return the probability of a kind."""
+        """Return the probability of a kind of explanation."""
         return float(np.sum(self.share[self.of(kind)]))
 
     def probable(self, kind: str) -> list[int]:
@@ -142,8 +142,8 @@ def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Counts) -
     """Return the mixture of the explanations of a survey; ``growth_um`` (m, k) is the effect of
     growth.
 
-    The stops, steps and walks on ``every`` count share the probability. A walk is also in the
-    mixture, because a product could otherwise explain its part.
+    The faults on ``every`` count have a part of the probability. A walk is also in the mixture,
+    because a product could otherwise explain it.
     """
     beside, single, wandering = (
         list(_families(fit, layout)),
@@ -191,8 +191,8 @@ def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Counts) -
 
 
 def most_odds_beside(fit: MixedFit, layout: Layout) -> float:
-    """Return the log-odds of the best scale or product against no error, minus infinity without
-    either."""
+    """Return the log-odds of the best scale or product against no error, minus infinity if there
+    are none."""
     weighed = [one.weighed(fit, len(one.named)).log_odds for one in _families(fit, layout)]
     return float(np.max(np.concatenate([*weighed, [-np.inf]])))
 
@@ -219,7 +219,7 @@ def effects_beside(layout: Layout, found: Explained) -> list[Effect]:
 
 def shares(odds: Vector, kinds: NDArray[np.str_]) -> Vector:
     """Return the probability of each explanation, shape (c,), from log-odds against no error. The
-    remainder to 1 is the probability of no error.
+    rest is the probability of no error.
 
     A kind with less than 1 / `ODDS` of the best odds has the probability 0.
     """
@@ -236,8 +236,7 @@ def shares(odds: Vector, kinds: NDArray[np.str_]) -> Vector:
 
 
 def reaching(share: Vector, kinds: NDArray[np.str_]) -> Vector:
-    """Return the share of its expected square with which each explanation is in the mixture,
-    shape (c,)."""
+    """Return the share of the expected square of each explanation in the mixture, shape (c,)."""
     held, inside = 1.0 - float(np.sum(share)), []
     of_kind = {str(kind): float(np.sum(share[kinds == kind])) for kind in np.unique(kinds)}
     for kind, part in sorted(of_kind.items(), key=lambda one: -one[1]):
@@ -251,7 +250,7 @@ def reaching(share: Vector, kinds: NDArray[np.str_]) -> Vector:
 
 
 def products_um(layout: Layout) -> Vector:
-    """Return the effect on every reading of each product with 1 um at the far corner, shape (m,
+    """Return the effect on every reading of 1 um of each product at the far corner, shape (m,
     products)."""
     if not layout.volume.solid:
         return np.zeros((len(layout), len(PRODUCTS)))
@@ -319,7 +318,6 @@ def _family(
 
 
 def _of_setups(layout: Layout, setups: NDArray[np.int64]) -> Vector:
-    """Return the effect on every reading of a scale of 1 um/m in each setup, shape (m, setups)."""
     return np.asarray(
         along_the_way_m(layout)[:, None] * (layout.setup_index[:, None] == setups)
     )

@@ -1,11 +1,10 @@
 """Contradictions of a survey: a wrong stop, a step of the count, a local error of the machine, or a
-wandering pass. A fault is omitted if the readings show the cause.
+wandering pass. A fault is omitted from the fit if the readings show the cause.
 
-In a survey with one pass of each diagonal, two passes may check each other, and their residuals
-cannot separate the causes. The odds (`solver.adjustment.evidence`) therefore include the smoothness
-of the machine errors under each explanation. If the odds do not decide, every explanation is a
-random effect with the size of the contradiction, the finding contains all of them, and an export is
-refused.
+With one pass of each diagonal, the residuals of two passes may not separate the causes. The odds
+(`solver.adjustment.evidence`) therefore include the smoothness of the machine errors under each
+explanation. If the odds do not decide, every explanation is a random effect with the size of the
+contradiction, one finding lists all explanations, and an export is refused.
 """
 
 from collections.abc import Iterator, Sequence
@@ -53,12 +52,12 @@ FREE_UM = 1e3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fault:
-    """A stop, a step, a local error of the machine or a walk: its ``pattern`` (k, r) on the
-    readings ``rows`` (k,), its size, and the reading ``named`` of its place.
+    """A wrong stop, a step, a local error of the machine or a walk: its ``pattern`` (k, r) on the
+    readings ``rows`` (k,), its size, and the number ``named`` of its reading.
 
-    ``odds`` is the logarithm of its odds against no fault; ``prior`` and ``smoother`` are the parts
-    by the prior and by the smoothness of the machine. ``without`` (count,) are the unknowns if the
-    fault is true.
+    ``odds`` is the logarithm of the odds against no fault; it includes ``prior`` and ``smoother``,
+    the parts by the prior and by the smoothness of the machine. ``without`` (count,) are the
+    unknowns if the fault is true.
     """
 
     kind: str
@@ -80,11 +79,11 @@ class Fault:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspicion:
-    """A contradiction: its probable faults, the most probable first. The only fault has `ODDS`
-    times the odds of all others.
+    """A contradiction: its probable faults, the most probable first. A single fault has `ODDS`
+    times the odds of every other fault.
 
-    ``apart_um`` is the largest difference between the machines of these faults over the volume
-    (rms).
+    ``apart_um`` is the largest difference between the machine errors under these faults over the
+    volume (rms).
     """
 
     faults: Sequence[Fault]
@@ -100,7 +99,7 @@ class Suspicion:
 
 
 def most_suspicious(fit: MixedFit, columns: Columns, every: Counts) -> Suspicion | None:
-    """Return the worst contradiction of the readings, or None if no explanation has `ODDS`
+    """Return the contradiction with the highest odds, or None if no explanation has `ODDS`
     against no fault."""
     # in a small survey the misses of the moves explain a single reading; only all readings
     # together are checked
@@ -124,7 +123,7 @@ def most_suspicious(fit: MixedFit, columns: Columns, every: Counts) -> Suspicion
 
 def families(fit: MixedFit, every: Counts) -> Iterator[Family]:
     """Yield the wrong stops and steps of ``every`` count, and the local errors of the machine,
-    which are equal in each repetition of a pass."""
+    which repeat in each pass of a travel."""
     for count in every.single:
         yield from _on_count(fit, count)
     for way in every.ways:
@@ -161,8 +160,8 @@ def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
 def _on_way(fit: MixedFit, way: Way) -> Family:
     """Return the local errors and steps of the machine on a repeated travel.
 
-    If all repetitions contradict the other setups equally, the cause is the machine: errors of a
-    reading or a count do not repeat at one place.
+    If all passes of a travel contradict the other setups equally, the cause is the machine, because
+    errors of a reading or a count do not repeat.
     """
     mixed = way.pattern.T @ fit.taken_over[way.rows]
     return Family(
@@ -176,8 +175,8 @@ def _on_way(fit: MixedFit, way: Way) -> Family:
 
 
 def most_odds(fit: MixedFit, every: Counts) -> float:
-    """Return the log-odds of the best stop, step or walk against no fault, minus infinity
-    without counts."""
+    """Return the log-odds of the best stop, step or walk against no fault, minus infinity if
+    there are no counts."""
     single = list(families(fit, every))
     weighed = [
         family.weighed(fit, number_of(single, family.kind)).log_odds for family in single
@@ -191,8 +190,6 @@ def number_of(every: Sequence[Family], kind: str) -> int:
 
 
 def _singles(fit: MixedFit, columns: Columns, every: Counts) -> list[Fault]:
-    """Return at most `MOST_WEIGHED` stops and steps with the highest odds, including the
-    smoothness of the machine."""
     all_of, ranked = list(families(fit, every)), []
     prior = {kind: log_prior(kind, number_of(all_of, kind)) for kind in (STOP, STEP, PLACE)}
     for family in all_of:
@@ -201,7 +198,7 @@ def _singles(fit: MixedFit, columns: Columns, every: Counts) -> list[Fault]:
         ranked += [
             (float(odds[place]), family, place, float(size[place])) for place in places
         ]
-    # equal odds are sorted by reading: their order must not depend on rounding
+    # equal odds are sorted by reading, so that the order does not depend on rounding
     ranked.sort(key=lambda one: -round(one[0], DECIMALS))
     del ranked[MOST_WEIGHED:]
     if not ranked:
@@ -237,7 +234,7 @@ def _singles(fit: MixedFit, columns: Columns, every: Counts) -> list[Fault]:
 
 def walks(fit: MixedFit, every: Counts) -> list[Fault]:
     """Return for each count the fault of a wandering pass: a random walk in addition to the
-    usual effects."""
+    usual effects of a pass."""
     found, prior = [], log_prior(WALK, len(every.single))
     for count in every.single:
         mixed = fit.root @ (fit.causes.left[count.rows].T @ count.walk)
@@ -268,7 +265,6 @@ def walks(fit: MixedFit, every: Counts) -> list[Fault]:
 def with_apart(
     suspicion: Suspicion, columns: Columns, volume: Volume, chain: str
 ) -> Suspicion:
-    """Return a suspicion with the distance between its explanations."""
     if suspicion.decided:
         return suspicion
     wanted = quantities(columns, volume)
@@ -281,8 +277,8 @@ def with_apart(
 
 
 def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
-    """Return the weights with a weight of 0 for a decided wrong stop; each undecided stop has
-    the size of the contradiction as its uncertainty."""
+    """Return the weights without a decided wrong stop; an undecided stop has the size of the
+    contradiction as additional uncertainty."""
     lowered = weight.copy()
     for one in suspicion.faults:
         if one.kind == STOP:

@@ -28,7 +28,7 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
         return finding(
             "error", message("contradiction-ambiguous", suspects=suspects), among=among
         )
-    # a smaller difference between the machines hardly changes the result, so the survey is usable
+    # if the machine errors differ by less, the result hardly changes, and the survey is usable
     if suspicion.apart_um > LEAST_UM:
         return finding(
             "error",
@@ -104,8 +104,6 @@ def _suspect(layout: Layout, one: Fault) -> Message:
 
 
 def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
-    """Return the finding on a wandering pass: a warning if the setup was driven again, else an
-    error."""
     among = _passes_of(layout, walks)
     if len(walks) > 1:
         return finding(
@@ -123,8 +121,6 @@ def _name_walks(layout: Layout, walks: Sequence[Fault]) -> Finding:
 
 
 def _passes_of(layout: Layout, every: Sequence[Fault]) -> tuple[str, ...]:
-    """Return the passes of some faults: for a walk all passes on its count, for a local error
-    all passes of the setup."""
     rows = np.concatenate(
         [one.rows if one.kind in (WALK, PLACE) else [one.named] for one in every]
     )
@@ -147,7 +143,6 @@ def _of_walk(layout: Layout, walk: Fault) -> dict[str, Argument]:
 
 
 def _driven_again(layout: Layout, rows: NDArray[np.int64]) -> bool:
-    """Return whether the setup has another pass in the same direction on another count."""
     mine: set[PassKey] = {layout.passes[int(number)] for number in layout.pass_index[rows]}
     others = [key for key in layout.passes if key not in mine]
     return all(

@@ -2,29 +2,29 @@
 
 Theory of operation. A reading differs from the model by two random errors:
 
-    miss    the positioning deviation of a move along its axis. It is common to all stops until the
-            next move of this axis. Its standard deviation is the repeatability of the axis.
+    miss    the positioning deviation of a move along its axis, common to all stops until the next
+            move of this axis. Its standard deviation is the repeatability of the axis.
     noise   the scatter of a single stop: the stated noise of the laser, and in addition vibration
             and turbulence in the setup.
 
-At the first stop of a pass without overrun, the misses include the backlash; they have a separate
-standard deviation. Misses are unknowns with a prior (`solver.model.priors`). Noise is the inverse
-root of a reading's weight. Repetitions, out-and-back pairs, and the three stops of each miss in a
-step diagonal separate misses from noise. All standard deviations together maximise the restricted
-likelihood times a prior. The prior is normal in the logarithm: the axes of a machine are similar,
-the setups of a survey are similar, and both are near the assumed value. The assumed value is the
-result if the readings contain no information.
+The misses at the first stop of a pass have a separate standard deviation, because they include the
+backlash if there is no overrun. Misses are unknowns with a prior (`solver.model.priors`). Noise is
+the inverse root of a reading's weight. Repetitions, out-and-back pairs, and the three stops of each
+miss in a step diagonal separate misses from noise. All standard deviations together maximise the
+restricted likelihood times a prior. The prior is normal in the logarithm: the axes of a machine are
+similar, the setups of a survey are similar, and both are near the assumed value. Without
+information in the readings the result is the assumed value.
 
-The maximum is computed in rounds. With the present values, each kind of rows has n, the sum of its
-redundancies, and S, the weighted square sum of its residuals. For a variance larger by the factor
-r, the log-likelihood is about (Foerstner 1979; exact at the maximum, where r = 1)
+The maximum is computed in rounds. Each kind of rows has n, the sum of its redundancies, and S, the
+weighted square sum of its residuals, with the present standard deviation s0. For a new standard
+deviation s, the log-likelihood is about (Foerstner 1979; exact at the maximum, where r = 1)
 
     -1/2 (n log r + S / r),    r = 1 - w + w s^2 / s0^2
 
-s replaces s0, and w is the share of s0^2 in the variance, because the stated part of the noise is
-constant. Its maximum with the prior is the value for the next round. For r > 1, n log r is replaced
-by n r, which is an upper bound and prevents oscillation. Standard deviations that are hardly
-separated converge slowly, so each step is extrapolated.
+where w is the share of s0^2 in the variance, because the stated part of the noise is constant. The
+maximum of this expression with the prior is the next s0. For r > 1, n log r is replaced by its
+upper bound n r, which prevents oscillation. Standard deviations that are hardly separated converge
+slowly, so each step is extrapolated.
 
 Before the search for wrong stops, S is n times a robust mean of the squares.
 """
@@ -45,20 +45,20 @@ from stepdiag.solver.model.noise import LEAST_FREEDOM, LEAST_U_UM
 FIRST = 3
 """Kind of the misses at first stops; kinds 0, 1, 2 are the axes."""
 FIRST_UM = 1.0
-"""Assumed miss at a first stop: half the backlash of an ordinary machine without overrun, or its
-repeatability with overrun."""
+"""Assumed miss at a first stop: half the backlash of an ordinary machine without overrun."""
 BROAD = 1.0
-"""Prior standard deviation of the logarithm of a common size: 0.5 um means 0.07 to 3.5 um (95
-%), from a grinding machine to a worn machine."""
+"""Prior standard deviation of the logarithm of a size: for 0.5 um the 95 % range is 0.07 to 3.5
+um, from a grinding machine to a worn machine."""
 AXES_ALIKE = 0.3
 """Prior standard deviation of the logarithm of an axis' repeatability relative to the other
 axes."""
 SETUPS_ALIKE = 0.5
 """Prior standard deviation of the logarithm of a setup's noise relative to the other setups."""
 BESIDE_STATED_UM = 0.05
-"""Assumed noise in addition to the stated noise; the mean over a dwell removes vibration."""
+"""Assumed noise in addition to the stated noise; the mean over a dwell removes most of the
+vibration."""
 SETTLED = 0.05
-"""The rounds end when all sizes change by less than this share."""
+"""Relative change of all sizes below which the rounds end."""
 ROUNDS = 8
 _STEPS, _LONGEST, _EXACT = 40, 1.0, 1e-6
 """Newton's iteration on the logarithms: largest number of steps, longest step, and length of the
@@ -66,12 +66,12 @@ last step."""
 _USUAL_RATE, _RATES = 0.3, (-1.0, 0.5)
 """Usual ratio of two successive steps, and the permitted range of the ratio."""
 LEAST_SHOWN = 1.0
-"""Smallest number of degrees of freedom at which a size may increase: below it a single
-contradiction would appear as scatter."""
+"""Smallest number of degrees of freedom at which the size may increase; with fewer, a single
+contradiction would enlarge it."""
 _LEAST_REDUNDANCY = 1e-6
 _MOST, _OF_NORMAL = 1.5, 0.778465
-"""Largest residual in a robust mean, in standard deviations, and the mean square of a normal
-variable that is clipped at this value."""
+"""Limit of a residual in a robust mean, in standard deviations, and the mean square of a normal
+variable clipped at this limit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,8 +87,8 @@ class Scatter:
 
     @property
     def repeatability_um(self) -> float:
-        """Return the repeatability, root mean square over the axes with degrees of freedom, or
-        over all axes if none has any."""
+        """Return the root mean square repeatability over the axes with degrees of freedom, or
+        over all axes if there are none."""
         shown = self.freedom_misses[:FIRST] > 0
         return float(
             np.sqrt(
@@ -150,7 +150,7 @@ def estimated(
     robust: bool,
 ) -> Scatter:
     """Return the scatter for the next round, from a fit with the scatter ``before``. With
-    ``robust``, wrong stops hardly influence it."""
+    ``robust``, wrong stops hardly influence the result."""
     share = np.minimum((before.noise_um[layout.setup_index] / before.u_um(layout)) ** 2, 1.0)
     by_setup = [
         np.flatnonzero(layout.setup_index == setup) for setup in range(len(layout.setups))
@@ -189,7 +189,6 @@ def further(step: Vector, last: Vector) -> Vector:
 
 
 def _shown(fit: AnyFit, rows: NDArray[np.int64], *, robust: bool) -> tuple[float, float]:
-    """Return n and S of some rows."""
     redundancy = fit.redundancy[rows]
     used = (redundancy > _LEAST_REDUNDANCY) & (fit.weight[rows] > 0)
     checked, redundancy = rows[used], redundancy[used]
@@ -222,7 +221,7 @@ def _most_likely(
         size = share * np.exp(2.0 * (log - before))
         ratio = 1.0 - share + size
         now, left = size / ratio, squares / ratio
-        # n r replaces n log r for r > 1
+        # n log r is replaced by n r for r > 1
         number = freedom * np.maximum(ratio, 1.0)
         of_number = np.where(ratio > 1.0, number, (1.0 - now) * freedom)
         curved = 2.0 * now * (now * left + np.maximum(of_number - (1.0 - now) * left, 0.0))
@@ -237,8 +236,6 @@ def _most_likely(
 
 
 def _prior_information(setups: int) -> Vector:
-    """Return the inverse prior covariance of the logarithms of all sizes, shape (4 + setups, 4 +
-    setups)."""
     edges = np.cumsum([0, FIRST, 1, setups])
     prior = np.zeros((edges[-1], edges[-1]))
     for first, last, alike in zip(
@@ -264,8 +261,9 @@ def unshown(found: Scatter, layout: Layout) -> Sequence[str]:
 def separated(layout: Layout) -> NDArray[np.bool_]:
     """Return for every setup whether its readings separate noise from misses, shape (setups,).
 
-    They do if most readings share the last move of an axis with another reading. In a linear run
-    each reading has its own move, so noise and misses have the same pattern.
+    A setup separates them if most of its readings share the last move of an axis with another
+    reading. In a linear run each reading has its own move, so noise and misses have the same
+    pattern.
     """
     moved = np.where(layout.direction != 0.0, layout.arrival, -1)
     many = np.bincount(moved[moved >= 0], minlength=1)

@@ -1,7 +1,7 @@
-"""Known angular functions with a wrong sign.
+"""Test of the signs of known angular functions, before the search for wrong readings.
 
-A reversed sign is a linear change of the expected readings. Its size is estimated: 1 for a wrong
-sign, 0 for a right sign. This test is done before the search for wrong readings.
+A reversed sign is a linear change of the expected readings. The estimated size of this change is 1
+for a wrong sign and 0 for a right sign.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from stepdiag.solver.linear.mixed import MixedFit
 BETTER = 2.0 * (float(np.log(ODDS)) - log_prior(TURNED, 1))
 """Twice the gain in log-likelihood at which a reversed sign has `ODDS`."""
 LEAST, MOST = 0.6, 1.6
-"""Range of sizes that is accepted as a wrong sign."""
+"""Range of the estimated size of the change for a wrong sign."""
 
 
 def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
@@ -28,7 +28,7 @@ def wrong_signs(current: MixedFit, turned: Mapping[str, Vector]) -> list[str]:
     target = current.fixed.target
     while names:
         changes = [turned[name] for name in names]
-        # the product of two changes, from the squares of their sum and difference
+        # the product of two changes, computed from the squares of their sum and difference
         form = (
             np.array(
                 [

@@ -1,8 +1,6 @@
-"""The largest slip of the laser's count that a survey does not detect.
-
-It is the minimal detectable bias (Baarda 1968) of a step of the count, including the usual random
-effects. The formula needs no readings, so a plan can use it before the survey.
-"""
+"""The largest slip of the laser's count that a survey does not detect: the minimal detectable
+bias (Baarda 1968) of a step of the count, including the usual random effects. The formula needs
+no readings, so a plan can use it before the survey."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -22,15 +20,15 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
 
 NEARLY_ALWAYS = 1.6
-"""Ratio of a step that is nearly always detected to a step that is detected in half of the
-surveys: 6.65 / 5 standard uncertainties for a normal distribution (95 %), and more because large
-random effects explain part of a step."""
+"""Ratio of the size of a step that is nearly always detected to that of a step detected in half
+of the surveys: 6.65 / 5 standard uncertainties for a normal distribution (95 %), and more
+because large random effects explain part of a step."""
 MOST_STANDING = 10.0
 """Largest number of standard uncertainties of a detected step. In surveys with three to ten
 degrees of freedom, nearly all slips of 1.6 times that size were detected."""
 TELLS_MORE = 1.3
-"""A slip is reported with its pass if it increases the error over the volume by more than this
-factor relative to the noise."""
+"""Ratio of the error over the volume with and without a slip above which the slip is reported
+with its pass."""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
 """Names in the result, and their kinds of setups."""
 
@@ -58,13 +56,13 @@ def stands_out(fit: MixedFit, layout: Layout) -> float:
 def slips_report(
     fit: MixedFit, layout: Layout, design: Design, wanted: Collection[str] = tuple(KINDS)
 ) -> UnseenSlips | None:
-    """Return the most harmful undetected slip of the diagonals and of the linear runs in um; None
-    in place of a slip means any size.
+    """Return the most harmful undetected slip of the diagonals and of the linear runs in um. None
+    means that a slip of any size is undetected.
 
     ``volume_um`` is the effect of a slip of ``half_um`` on the identified errors over the volume
-    (rms); ``readings_um`` is the effect of the noise (k = 1). ``passes`` are the passes in which
-    such a slip and the noise together have more than `TELLS_MORE` times the effect of the noise.
-    The stated uncertainty does not include a slip.
+    (rms); ``readings_um`` is the effect of the noise (k = 1). ``passes`` are the passes in which a
+    slip and the noise together have more than `TELLS_MORE` times the effect of the noise. U does
+    not include a slip.
     """
     field, report, out = (
         _Field.of(fit, layout, design),
@@ -74,7 +72,7 @@ def slips_report(
     noise_um = field.noise_um()
     for name in wanted:
         kinds = KINDS[name]
-        # in a count that is too short for a search, a slip of any size is undetected
+        # in a count with few readings, a slip of any size is undetected
         every = [
             _Worst(row=int(rows[1]), u_um=np.inf, made_um=np.inf)
             for rows in short_counts(fit.fixed, layout, kinds)
@@ -97,9 +95,6 @@ def slips_report(
 
 
 class _Worst(NamedTuple):
-    """The most harmful step in a pass: the reading after it, its uncertainty, its effect on the
-    volume."""
-
     row: int
     u_um: float
     made_um: float
@@ -109,8 +104,8 @@ def _worst_in(field: "_Field", layout: Layout, count: Count, out: float) -> Iter
     """Yield for every pass of a count the step that is detected in half of the surveys and has the
     largest effect on the volume.
 
-    This is not always the least visible step: backlash hides a step at the reversal, but such a
-    step has no effect on the volume.
+    A step at the reversal is the least visible, because backlash hides it, but it has no effect on
+    the volume.
     """
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     visible = np.isfinite(u_um)
@@ -152,8 +147,8 @@ def _slip(
 class _Field:
     """The identified errors over the volume, as a few numbers with the same square sum.
 
-    ``by_unknowns`` (k, count) and ``by_readings`` (m, k) are the effects on these numbers of one
-    unit of each unknown and of 1 um in each reading, in um. ``values`` is the number of error
+    ``by_unknowns`` (k, count) and ``by_readings`` (m, k) are the effects of one unit of each
+    unknown, and of 1 um in each reading, on these numbers in um. ``values`` is the number of error
     components at all points.
     """
 

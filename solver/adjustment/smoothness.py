@@ -1,5 +1,5 @@
-"""The roughness of the machine's errors under an explanation: a guideway bends smoothly and does
-not jump between targets."""
+"""The roughness of the machine's errors: a guideway bends smoothly and does not jump between
+targets."""
 
 import numpy as np
 
@@ -14,10 +14,10 @@ def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vecto
     """Return twice the negative log-likelihood of the nine displacement functions, shape (k,) for
     ``unknowns`` (count, k).
 
-    The half waves of the functions are normal. Their power does not rise with the wave number and
-    is estimated from the functions (isotonic maximum likelihood), so a jump is unlikely: it adds
-    the same power to short and long waves. ``variance_um2`` (count,) is the variance of each
-    unknown by noise, the lower limit of the power.
+    The amounts of the half waves of a function are normal. Their power is estimated from the
+    functions and does not rise with the wave number (isotonic maximum likelihood). A jump between
+    targets is therefore unlikely: it adds the same power to short and long waves. ``variance_um2``
+    (count,) is the variance of each unknown by noise; it limits the power from below.
     """
     waves = columns.nodes - 1
     if waves < 2:

@@ -21,8 +21,8 @@ class Mount:
     """The mounting of the head during a run along ``axis``.
 
     ``beam`` is the direction of the laser beam from the head; ``detector_x`` and ``detector_y`` are
-    the machine directions of the detectors' axes. With the target on the workpiece side
-    (``target_on="work"``) the motion of the target has the opposite sign of an error.
+    the machine directions of the detectors' axes. With the target on the workpiece
+    (``target_on="work"``), an error of the machine moves the target in the opposite direction.
     """
 
     axis: Literal["x", "y", "z"]
@@ -32,8 +32,6 @@ class Mount:
     target_on: Literal["tool", "work"] = "tool"
 
     def __post_init__(self) -> None:
-        """Raise UsageError unless the three directions are along three different axes and the
-        beam is along the moved axis."""
         if self.beam[1] != self.axis:
             raise UsageError(
                 "head: beam",
@@ -54,8 +52,8 @@ class AxisErrors:
     """The errors of one axis by ISO 230-1 names: two straightness functions in um and two rotations
     in urad.
 
-    Positions ascend; every value is the mean at its position. Rotations are zero at the first
-    position. Straightness is relative to its reference line. The roll is not measured.
+    Positions ascend; every value is the mean of the samples at a position. Rotations are zero at
+    the first position. Straightness is relative to its reference line. The roll is not measured.
     """
 
     position_mm: Vector

@@ -12,14 +12,14 @@ from stepdiag.solver.fourdof.detector import Curve, CurveKind, curve_variable
 Vector = NDArray[np.float64]
 
 MAX_GAIN_ERROR = 0.05
-"""Largest gain error: usual focal lengths and amplifiers are within 2 %. A larger error is
-caused by a wrong curve, focal length or distance."""
+"""Largest accepted gain error; usual focal lengths and amplifiers are within 2 %. The cause of a
+larger error is a wrong curve, focal length or distance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveFit:
-    """A detector's curve, its residuals in um, and its standard uncertainty including that of
-    the reference, at every row of the calibration run."""
+    """A detector's curve, and at every row of the calibration run the residual in um and the
+    standard uncertainty including that of the reference."""
 
     curve: Curve
     residual_um: Vector

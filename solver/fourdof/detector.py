@@ -1,6 +1,6 @@
 """The shift of the spot from the raw sums and differences of a position-sensitive detector.
 
-A quadrant detector with a Gaussian spot has an error function as its curve; a lateral-effect
+The curve of a quadrant detector with a Gaussian spot is an error function; that of a lateral-effect
 detector is nearly linear. Both curves are polynomials of the normalised reading or of its inverse
 error function (instruments.md section 2).
 """
@@ -78,8 +78,8 @@ class DetectorAxis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detector:
-    """A detector with two axes and its limits of light; ``rotation_mrad`` is its roll about the
-    beam, from x to y.
+    """A detector with two axes and its limits of the sum signal; ``rotation_mrad`` is its roll
+    about the beam, from x to y.
 
     ``dark`` contains the signals without light: difference x, difference y and sum.
     """
@@ -106,8 +106,8 @@ class Spots:
 def spots(detector: Detector, difference: Vector, total: Vector) -> Spots:
     """Return the spot of every sample from the detector's differences (N, 2) and sums (N,).
 
-    The difference is divided by the sum, so that the laser's power has no effect. A difference
-    larger than the sum is impossible for light; such a sample is marked as saturated.
+    The difference is divided by the sum, so that the laser's power has no effect. A sample with a
+    difference larger than the sum is marked as saturated, because light cannot cause it.
     """
     blocked = ~(total > detector.sum_min)
     reading = (difference - np.array(detector.dark[:2])) / np.where(

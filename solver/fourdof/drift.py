@@ -1,12 +1,13 @@
 """The pointing drift of the laser source during a run, without the noise of the drift detector.
 
-The lever multiplies the noise of the drift detector PSD1 into the straightness: 1.7 urad at 8 m are
-14 um. A source drifts slowly, and noise has no memory, so the model is a random walk observed with
-white noise (the local level model; Harvey, Forecasting, Structural Time Series Models and the
-Kalman Filter, 1989, sections 2.3 and 4.3). The ratio of the walk's speed to the noise is estimated
-from the series itself, from the noise within the dwells, and from the quadrant detector: a real
-drift also moves its spot, so the right correction makes the path of the spot smoother. The result
-is the mean over all likely speeds; its uncertainty includes their spread.
+The lever multiplies the noise of the drift detector PSD1: 1.7 urad at 8 m are 14 um of
+straightness. A source drifts slowly, and noise has no memory, so the model is a random walk
+observed with white noise (the local level model; Harvey, Forecasting, Structural Time Series Models
+and the Kalman Filter, 1989, sections 2.3 and 4.3). The ratio of the walk's speed to the noise is
+estimated from the series of PSD1, from the noise within the dwells, and from the quadrant detector.
+A real drift also moves the spot on the quadrant detector, so the right correction makes the path of
+this spot smoother. The result is the mean over all likely speeds; its uncertainty includes the
+spread between the speeds.
 """
 
 from dataclasses import dataclass
@@ -23,16 +24,16 @@ QUICKEST = 1e4
 values are not smoothed."""
 SPEEDS = 25
 MOST_BENDS = 40
-"""Largest number of bends (second differences) of the spot's path in the likelihood: bends show
-a rough remainder of a drift, not a slow one."""
+"""Largest number of bends (second differences) of the spot's path in the likelihood. Bends show
+a rough remainder of a drift, but not a slow one."""
 BENDS_COUNT = 0.1
-"""Weight of the bends in the likelihood: bends of a remaining drift are nearly equal at
-neighbouring stops. In a pass of 8 m with a noise of 1.7 urad, a weight of 0.5 gives a drift that
-is too smooth: 83 % of the values are within 2 u (10.9 um rms). With 0.1, 94 % are (8.6 um); with
-0, 97 % (9.3 um)."""
+"""Weight of the bends in the likelihood, below 1 because bends of a remaining drift are nearly
+equal at neighbouring stops. In a pass of 8 m with a noise of 1.7 urad, a weight of 0.5 smooths
+the drift too much: 83 % of the values are within 2 u (10.9 um rms). With a weight of 0.1, 94 %
+are within 2 u (8.6 um); with 0, 97 % (9.3 um)."""
 BENDS_SHARE = 1.94
-"""Factor of the variance of the slope between two series of second differences of white noise:
-with their correlations of -2/3 and 1/6 it is 1 + 2 (4/9 + 1/36)."""
+"""Factor of the variance of the slope between two series of second differences of white noise,
+whose correlations are -2/3 and 1/6: 1 + 2 (4/9 + 1/36)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,12 +58,12 @@ def slow_drift(
         return Drift(angle_urad=seen_urad, u_urad=u_urad)
     step_s = np.diff(time_s)
     usual_s = float(np.mean(step_s)) or 1.0
-    # a slower drift than these speeds cannot be distinguished from standstill
+    # a drift slower than these speeds cannot be distinguished from standstill
     speeds = np.geomspace(0.1 / len(seen_urad) ** 2, QUICKEST, SPEEDS)
     found = _smoothed(seen_urad, step_s[:, None] / usual_s * speeds)
     floor = float(np.mean(u_urad**2))
     noise = np.maximum(found.noise, floor)
-    # a noise ten times that within the dwells is a hundred times less likely
+    # the weight of a noise ten times that within the dwells is a hundredth
     likely = (
         found.log_likelihood
         - (np.log(noise / floor) if floor > 0.0 else 0.0)
@@ -100,9 +101,6 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
 
 @dataclass(frozen=True, slots=True)
 class _Smoothed:
-    """The drift for every assumed speed: ``level`` and its variance ``share`` relative to the
-    noise, shapes (N, speeds); the variance of the noise and the likelihood, shapes (speeds,)."""
-
     level: Vector
     share: Vector
     noise: Vector
@@ -128,7 +126,7 @@ def _smoothed(seen: Vector, speed: Vector) -> _Smoothed:
         back = share[k] / ahead[k]
         level[k] += back * (level[k + 1] - level[k])
         share[k] += back**2 * (share[k + 1] - ahead[k])
-    # a constant series has no noise; this value avoids a division by zero
+    # a constant series has no noise; the lower limit avoids a division by zero
     noise = np.maximum(squares / len(speed), 1e-24)
     return _Smoothed(level, share, noise, -0.5 * (len(speed) * np.log(noise) + logs))
 

@@ -3,13 +3,13 @@
 Feng, Zhang, Kuang 2008, Eqs 1 to 5, with the signs and the lever of theory.md 9. In one lateral
 axis, a pointing drift ``a`` of the source moves the spot on the quadrant detector (QD) by ``-2 L
 a``, on the drift detector (PSD1) by the angle ``-a`` and on the angle detector (PSD2) by ``+a``.
-Hence
+The compensated values are
 
     straightness = QD / 2 - L * psd1        angle = (PSD2 + psd1) / 2
 
-The signs of psd1 in Feng's Eqs 2 and 4 are therefore opposite to each other. Only the pointing of
-the source is corrected. The bending of the beam by air, and half of a parallel shift of the beam,
-are errors of the result.
+so the signs of psd1 in Feng's Eqs 2 and 4 are opposite to each other. Only the pointing of the
+source is corrected. Air that bends the beam, and half of a parallel shift of the beam, cause errors
+of the result.
 """
 
 from dataclasses import dataclass, field
@@ -34,13 +34,13 @@ a finding."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crosstalk:
-    """Calibrated corrections (theory.md 9, a to d); zero means no correction. A pair of values is
-    for the detectors' x and y.
+    """Calibrated corrections (theory.md 9, a to d); zero means no correction. Each pair has the
+    values for the detectors' x and y.
 
-    ``vertex_mm`` is the position of the corner cube's vertex relative to the point of the
-    straightness: lateral x, lateral y, and along the beam (positive towards the head).
-    ``psd1_leak`` and ``psd2_leak`` are the false angles by a lateral shift of the beam in urad per
-    um, if a detector is out of focus. ``qd_gain_per_m`` is the relative increase of the QD's gain
+    ``vertex_mm`` is the position of the corner cube's vertex relative to the point whose
+    straightness is measured: lateral x, lateral y, and along the beam (positive towards the head).
+    ``psd1_leak`` and ``psd2_leak`` are the false angles in urad for 1 um of lateral shift of the
+    beam, if a detector is out of focus. ``qd_gain_per_m`` is the relative increase of the QD's gain
     per metre beyond ``qd_calibrated_at_mm``, because the spot grows.
     """
 
@@ -53,9 +53,9 @@ class Crosstalk:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """The sum signals of QD, PSD1 and PSD2 in normal light, and the largest relative difference
-    (``within``) of one from the others. A clipped spot reduces one sum; a change of the laser's
-    power changes all three."""
+    """The sum signals of QD, PSD1 and PSD2 in normal light, and the largest accepted relative
+    difference between these signals (``within``). A clipped spot reduces one sum; a change of
+    the laser's power changes all three."""
 
     sums: tuple[float, float, float]
     within: float
@@ -98,9 +98,9 @@ class Motion:
     usable light.
 
     ``raw_*`` is the motion without drift compensation. ``drift_urad`` is the angle of PSD1. If
-    times are known, its noise is removed, and ``u_drift_urad`` is the remaining uncertainty, else
-    zero. ``u_*`` is the uncertainty by the calibration. ``usable`` is False for a sample that is
-    blocked, saturated or outside the calibrated range.
+    times are known, the noise of PSD1 is removed from ``drift_urad``, and ``u_drift_urad`` is the
+    remaining uncertainty, else zero. ``u_*`` is the uncertainty by the calibration. ``usable`` is
+    False for a sample that is blocked, saturated or outside the calibrated range.
     """
 
     straightness_um: Vector
@@ -137,9 +137,9 @@ def motion(
     PSD2.
 
     ``travel_mm`` (N,) is the travel away from the head since the position of ``dead_path_mm``.
-    ``roll_urad`` (scalar or (N,)) corrects the lateral offset of the cube. With ``time_s`` (N,) the
-    noise of PSD1 is removed from the drift (`solver.fourdof.drift`); ``u_psd1_urad`` (N, 2) is this
-    noise, from the scatter within each dwell.
+    ``roll_urad`` (scalar or (N,)) corrects the lateral offset of the cube. With ``time_s`` (N,),
+    the noise of PSD1 is removed from the drift (`solver.fourdof.drift`). ``u_psd1_urad`` (N, 2) is
+    the noise of PSD1 by the scatter within each dwell.
     """
     lever_mm = head.lever_mm(np.broadcast_to(travel_mm, len(channels)))
     lever = lever_mm[:, None]
@@ -191,9 +191,7 @@ def motion(
 def _freed_of_noise(
     psd1_urad: Vector, spot_um: Vector, lever_mm: Vector, time_s: Vector, u_urad: Vector
 ) -> tuple[Vector, Vector]:
-    """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); samples
-    without light are unchanged."""
-    # a repeated stop is sorted by position in the run, not by time
+    # a stop that was driven again has a later time than its neighbours in the run
     in_time = np.argsort(time_s, kind="stable")
     lit = in_time[np.all(np.isfinite(psd1_urad[in_time] + spot_um[in_time]), axis=1)]
     drift, u = psd1_urad.copy(), u_urad.copy()
@@ -218,8 +216,8 @@ def _qd_at_distance(qd_um: Vector, lever: Vector, crosstalk: Crosstalk) -> Vecto
 def _at_reference(
     vertex_um: Vector, angle: Vector, roll_urad: Vector, crosstalk: Crosstalk
 ) -> Vector:
-    """Return the straightness at the reference point from that at the cube's vertex (theory.md
-    9, crosstalk a and b)."""
+    """Return the straightness at the reference point from the straightness at the cube's vertex
+    (theory.md 9, crosstalk a and b)."""
     x, y, along = crosstalk.vertex_mm
     arm_um = 1e-3 * np.column_stack([-roll_urad * y, roll_urad * x])
     moved: Vector = vertex_um - arm_um - 1e-3 * along * angle

@@ -1,20 +1,21 @@
-"""The calibration of the 4-DOF head with the machine as its stage: a regression over all nine
-channels.
+"""The calibration of the 4-DOF head with the machine as its reference stage: a regression over all
+nine channels.
 
 The machine moves the target sideways by known amounts (jogs) at two or more distances, and stands
 still while the laser's pointing changes. In one lateral axis (theory.md 9), for a target moved by
-``m`` at the offset ``X`` of its end, and a pointing ``a`` of the source at the lever ``L = l + d``:
+``m`` at the offset ``X`` of its end of the travel, and a pointing ``a`` of the source at the lever
+``L = l + d``:
 
     spot on the QD   q = 2 (m + X) - 2 L a         times 1 + growth (d - middle)
     PSD1               = -a + leak1 q
     PSD2               = a (1 + 2 leak2 L) + a constant of the end
 
-Each detector reads this value with two gains, their signs and its roll. The pointing is an unknown
-of every row. It is linear in the model and is eliminated (variable projection: Golub, Pereyra 1973;
+Each detector reads its value with two gains, two signs and its roll. The pointing is an unknown of
+every row. It is linear in the model and is eliminated (variable projection: Golub, Pereyra 1973;
 Kaufman's approximation), so noise of a detector does not reduce the estimated slopes. The noise of
-each detector is that of its samples times a common factor. This factor and the errors of the jogs
-are estimated from the residuals. Separate factors for three detectors are not possible, because the
-smallest noise would become zero.
+each detector is the noise of its samples times a common factor. This factor and the errors of the
+jogs are estimated from the residuals. Separate factors for three detectors are not possible,
+because the smallest noise would become zero.
 """
 
 from dataclasses import dataclass
@@ -48,16 +49,16 @@ and y), the dead path of the lever in mm."""
 QD, PSD1, PSD2, LEVER = 0, 4, 8, 12
 """Index in `FIELDS` of each detector's first gain and of the lever."""
 MOST_ROLL_MRAD = 500.0
-"""Largest possible roll of a mounted detector; with a larger value the detector's axes in the
-survey file are wrong."""
+"""Largest possible roll of a mounted detector; a larger value means that the detector's axes in
+the survey file are wrong."""
 MOST_U_GAIN = 0.02
-"""Largest relative standard uncertainty of a gain; with a larger value the change of pointing or
-the jogs were too small. A gain error of 5 % is refused."""
+"""Largest relative standard uncertainty of a gain; a larger value means that the change of
+pointing or the jogs were too small."""
 ROUNDS, STEPS = 6, 8
-"""Number of iterations of the noise, and of Gauss-Newton steps in each: half of either is enough
-to converge to 1e-6."""
+"""Number of iterations of the noise, and of Gauss-Newton steps in each iteration: half of either
+number converges to 1e-6."""
 LINEAR = 1e-3
-"""Smallest noise of a detector relative to the change of pointing, because a detector's curve is
+"""Smallest noise of a detector relative to the change of pointing; the curve of a detector is
 not more exact."""
 JOG_UM = 1.0
 """Initial error of a jog, in um of the spot on the detector."""
@@ -126,8 +127,6 @@ def commissioned(stands: Stands) -> Commissioned:
 
 
 def _model(stands: Stands, parameters: Vector, pointing: Vector, middle_mm: float) -> Vector:
-    """Return the readings of the detectors by the model, shape (N, 6), for a pointing (N, 2) in
-    urad."""
     ends = parameters[len(FIELDS) :].reshape(2, -1, 2)
     lever = (parameters[LEVER] + stands.distance_mm)[:, None]
     leak1, leak2 = parameters[PSD1 + 3], parameters[PSD2 + 3]
@@ -206,15 +205,14 @@ def _without(frame: Vector, rows: Vector) -> Vector:
 
 
 def _of_jogs(stands: Stands) -> NDArray[np.bool_]:
-    """Return a mask, shape (N, 6), of the values with the error of a jog: those of the QD."""
     of_jogs = np.zeros(stands.seen.shape, dtype=np.bool_)
     of_jogs[stands.jogged, :2] = True
     return of_jogs
 
 
 def _sigma(stands: Stands, factor: float, jog_um: float) -> Vector:
-    """Return the standard deviation of every value, shape (N, 6). A longer standstill does not
-    reduce the error of a jog."""
+    """Return the standard deviation of every value, shape (N, 6). A longer standstill reduces
+    the noise, but not the error of a jog."""
     still = ~stands.jogged
     wobble = np.std(_centred(stands, stands.seen, still)[still], axis=0)
     sigma: Vector = factor * np.hypot(
@@ -224,8 +222,6 @@ def _sigma(stands: Stands, factor: float, jog_um: float) -> Vector:
 
 
 def _grown(rest: Vector, leverage: Vector, of: NDArray[np.bool_]) -> float:
-    """Return the ratio of the noise of some values to the assumed noise, above zero even without
-    noise."""
     return float(
         np.sqrt(max(np.sum(rest[of] ** 2) / max(np.sum(1.0 - leverage[of]), 1.0), 1e-6))
     )
@@ -252,8 +248,6 @@ def _require_places(stands: Stands) -> None:
 
 
 def _start(stands: Stands) -> Vector:
-    """Return the initial parameters: jogs determine the gains of the QD, its spot determines the
-    pointing, and the pointing determines the gains of both PSDs."""
     ends = int(stands.end.max()) + 1
     about = stands.jogged[:, None] * _centred(stands, stands.moved_um, stands.jogged)
     qd = _of_matrix(
@@ -284,7 +278,6 @@ def _start(stands: Stands) -> Vector:
 
 
 def _centred(stands: Stands, values: Vector, used: NDArray[np.bool_]) -> Vector:
-    """Return the values (N, 2) minus the mean of the used rows at each axial position."""
     count = np.maximum(np.bincount(stands.end, weights=used), 1.0)
     means = [np.bincount(stands.end, weights=used * column) / count for column in values.T]
     centred: Vector = values - np.array(means).T[stands.end]
@@ -292,7 +285,6 @@ def _centred(stands: Stands, values: Vector, used: NDArray[np.bool_]) -> Vector:
 
 
 def _matrix(lateral: Vector, read: Vector) -> Vector:
-    """Return the least-squares matrix (2, 2) from the lateral motion to a detector's readings."""
     matrix: Vector = np.asarray(
         np.linalg.lstsq(lateral, read, rcond=None)[0].T, dtype=np.float64
     )
@@ -300,8 +292,6 @@ def _matrix(lateral: Vector, read: Vector) -> Vector:
 
 
 def _of_matrix(matrix: Vector, name: str) -> Vector:
-    """Return the two gains and the roll of a detector from its matrix. Raises DataError if the
-    detector's axes in the survey file are wrong."""
     sizes = np.linalg.norm(matrix, axis=1)
     if not np.isfinite(sizes).all() or sizes.min() <= 0.0:
         raise DataError(

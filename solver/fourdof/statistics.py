@@ -77,8 +77,8 @@ def allan_deviation(values: Vector, interval_s: float) -> tuple[Vector, Vector]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arm:
-    """The arm from the first head to the second, x, y, z in mm (3,), with its standard
-    uncertainties. A component is NaN if no known rotation determines it.
+    """The arm from the first head to the second, x, y, z in mm (3,), with standard uncertainties. A
+    component is NaN if no known rotation determines it.
 
     ``residual_um`` contains the residuals of the fit for each straightness function.
     """
@@ -107,7 +107,7 @@ def abbe_arm(
     position_mm: Vector, apart_um: Mapping[str, Vector], turning_urad: Mapping[str, Vector]
 ) -> Arm | None:
     """Return the arm between two heads on an axis from the differences of their straightness
-    functions, or None if they do not determine it.
+    functions, or None if the differences do not determine the arm.
 
     A carriage that turns by ``a`` moves a point at ``r`` by ``a x r``. Both functions (EYX, EZX ..)
     are fitted by least squares to the known rotations at the same positions (EAX .., shapes (N,)),
@@ -169,9 +169,9 @@ def compare(
 ) -> Comparison:
     """Return the measured values minus the reference, which is interpolated linearly.
 
-    With ``line`` (straightness) the reference line of each series is removed, else (angles) its
-    value at the first common position. Only positions within the range of the reference are used.
-    Raises DataError for fewer than two such positions.
+    With ``line`` (straightness) the reference line of each series is subtracted; without ``line``
+    (angles) the value at the first common position is subtracted. Only positions within the range
+    of the reference are used. Raises DataError for fewer than two such positions.
     """
     position, ours = (
         np.asarray(position_mm, dtype=np.float64),

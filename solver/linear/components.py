@@ -1,7 +1,7 @@
-"""Restricted maximum likelihood: the standard deviation ("size") of each group of random effects
-("causes") in a least-squares fit.
+"""Restricted maximum likelihood estimate of the standard deviation ("size") of each group of random
+effects ("causes") in a least-squares fit.
 
-The search uses Newton's iteration on the logarithm of the sizes, and Fisher scoring where the
+The search uses Newton's iteration on the logarithm of the sizes. It uses Fisher scoring if the
 observed information is not positive (Searle, Casella, McCulloch 1992, 8.2-8.3). The prior of a size
 has its mode near the user's value and includes zero, because a random effect may be absent (after
 the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
@@ -67,8 +67,8 @@ def scored(
     """Return the standard deviations with the highest restricted likelihood.
 
     ``mixed`` contains the usual standard deviations. ``group`` (q,) is the group number of each
-    random effect. ``sought`` (groups,) marks the groups to be estimated. ``near`` (groups,) is the
-    start of the search; the default is the usual standard deviations.
+    random effect. ``sought`` (groups,) marks the groups to be estimated. ``near`` (groups,)
+    contains the initial standard deviations; the default is the usual ones.
     """
     log = np.zeros(len(sought)) if near is None else np.where(sought, np.log(near), 0.0)
     free = np.flatnonzero(sought)
@@ -119,8 +119,8 @@ def gained(fit: AnyFit, left: Vector | float) -> Vector:
     """Return twice the gain in log-likelihood if the weighted square sum of the residuals falls to
     ``left``.
 
-    The noise of all weights has a free common factor (profile likelihood). The factor is fixed at 1
-    if the residuals are much smaller than their weights predict.
+    All weights have a free common noise factor (profile likelihood), unless the residuals are much
+    smaller than the weights predict.
     """
     whole, freedom = max(fit.chi_square, _NOTHING), float(max(fit.freedom, 1))
     within = np.clip(left, _EXPLAINED * whole, whole)

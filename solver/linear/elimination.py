@@ -1,9 +1,10 @@
 """Gaussian elimination of the normal matrix of step diagonals.
 
-A step diagonal passes node i of one axis together with node i or n - i of the other axes. With the
-nodes folded to min(i, n - i), each block of unknowns is coupled to the neighbouring blocks only:
-the matrix is block tridiagonal. Unknowns that are coupled to all blocks (offsets, tilts, drifts,
-the end nodes) form the border. The elimination costs n small blocks instead of (18 n)^3.
+A step diagonal passes node i of one axis together with node i or n - i of the other axes. Blocks of
+unknowns with the same min(i, n - i) are therefore coupled only to neighbouring blocks: the matrix
+is block tridiagonal. The border contains the unknowns that are coupled to all blocks: offsets,
+tilts, drifts, the end nodes. The elimination inverts n small blocks instead of a matrix of (18 n,
+18 n).
 """
 
 from collections.abc import Iterator
@@ -82,9 +83,9 @@ class Elimination:
         return solution
 
     def near(self) -> Iterator[tuple[int, Vector, Vector]]:
-        """Yield the parts of the inverse without the border, from the last block to the first:
-        the number of the block, its part on the diagonal, and the part beside the previous block
-        (Takahashi's recursion)."""
+        """Yield, from the last block to the first, the parts of the inverse of the matrix
+        without its border: the block number, the part on the diagonal, and the part beside the
+        previous block (Takahashi's recursion)."""
         following = np.zeros((0, 0))
         for index in range(self.blocks.count - 1, -1, -1):
             here = self.pivot_inverse[index]
@@ -98,9 +99,9 @@ class Elimination:
             following = here
 
     def around(self) -> Iterator[tuple[int, Vector]]:
-        """Yield the number of each block and the part of the inverse for this block, the
-        previous block and the border, from the last block to the first; at the end -1 and the
-        part of the border."""
+        """Yield, from the last block to the first, the block number and the part of the inverse
+        for this block, the previous block and the border. The last item is -1 and the part of
+        the border."""
         borders = -self.border_solution @ self.border_inverse
         inside = between = np.zeros((0, 0))
         for index, here, before in self.near():
@@ -137,8 +138,8 @@ class Normal:
     """A symmetric matrix in which each block of unknowns is coupled only to its neighbouring blocks
     and the border.
 
-    ``own`` are the blocks on the diagonal and ``lower`` the blocks left of them. ``coupling`` (rows
-    without the border, border) and ``border`` (border, border) are the parts of the border.
+    ``own`` are the blocks on the diagonal and ``lower`` the blocks left of them. ``coupling`` and
+    ``border`` are the border's parts beside the blocks and on the diagonal.
     """
 
     blocks: Blocks
@@ -190,7 +191,8 @@ class Normal:
 
 
 def eliminate(matrix: Normal) -> Elimination:
-    """Raises ``numpy.linalg.LinAlgError`` for a singular matrix."""
+    """Return the elimination of a matrix. Raises ``numpy.linalg.LinAlgError`` for a singular
+    matrix."""
     pivots: list[Vector] = []
     multipliers: list[Vector] = []
     for index, own in enumerate(matrix.own):

@@ -26,17 +26,17 @@ CLASS_SPREAD = 0.6
 """Standard deviation of the logarithm of a machine's errors relative to the usual errors of its
 class: for 95 % of machines the ratio is between 1/3 and 3 (docs/uncertainty.md)."""
 ABSENT, NEXT_TO_NONE, WAVES_SPREAD = 0.25, 0.04, (0.3, 2.0)
-"""The share of machines without waves between the targets, the size of their waves relative to
-the usual size, and the range of the relative size in all other machines (ball screws of 0.5 to 3
-um)."""
+"""The share of machines without waves between the targets, the relative size of the waves in
+these machines, and the range of the relative size in all other machines (ball screws with waves
+of 0.5 to 3 um)."""
 _FINE = 281
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
     """A group of random effects in its independent directions: ``direction`` (q, k) is the
-    change of all random effects for one unit along each direction; ``seen`` and ``shown`` (k,)
-    are the values of the module's equation; ``factor`` (points,) are equally likely f."""
+    change of all random effects for one unit along each direction. ``seen`` and ``shown`` (k,)
+    are defined by the module's equation. ``factor`` (points,) are equally likely values of f."""
 
     direction: Vector
     seen: Vector
@@ -128,7 +128,7 @@ def hidden_factors() -> Vector:
     """Return equally likely sizes of the waves between the targets, relative to the usual size,
     shape (points,).
 
-    One machine of four has nearly no waves, because it has a glass scale where a ball screw is
+    One machine of four has nearly no waves, because it has a glass scale although a ball screw is
     assumed.
     """
     share = (np.arange(POINTS) + 0.5) / POINTS
@@ -140,10 +140,7 @@ def hidden_factors() -> Vector:
 
 def class_factors() -> Vector:
     """Return equally likely sizes of a machine's unmeasured errors, relative to the usual size,
-    shape (points,).
-
-    The order of the values is independent of the order of `likely_factors`.
-    """
+    shape (points,). Their order is independent of the order of `likely_factors`."""
     order = np.arange(POINTS) * (POINTS // 2) % POINTS
     sizes = np.exp(CLASS_SPREAD * normal_points(POINTS))
     found: Vector = sizes[order]

@@ -53,7 +53,7 @@ def fit(
     rows: Rows, blocks: Blocks, target: Vector, weight: Vector, like: Inverse | None = None
 ) -> Fit:
     """Return the weighted least-squares fit. One step of iterative refinement restores the
-    precision that is lost in the normal matrix.
+    precision that the normal matrix loses.
 
     ``like`` is described in `solver.linear.least_squares.invert`.
     """

@@ -11,15 +11,14 @@ from stepdiag.solver.linear.packed import Packed, pack
 from stepdiag.solver.linear.rows import Rows
 
 NULL_TOLERANCE = 1e-7
-"""A direction in the space of the unknowns is not determined if its image is shorter than this
-length; the columns are scaled to unit length."""
+"""Smallest length of the image of a direction that the rows determine; the columns have unit
+length."""
 _SHIFT = 1e-8
 _CANDIDATE = 1e-3
 _FIRST_BLOCK = 12
 REFINEMENTS = 2
 _PIECE = 512
-"""Number of rows computed together: the memory grows with this number times the number of
-unknowns."""
+"""Number of rows computed together; a larger number needs more memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,8 +101,8 @@ def invert(
 ) -> Inverse:
     """Return a generalised inverse of A.T diag(weight) A.
 
-    ``like`` is an inverse of the same rows with other positive weights, or without rows that it
-    determines. The result uses its null space, which does not depend on such changes.
+    ``like`` is an inverse of the same rows with other positive weights, or with fewer rows and the
+    same null space. Its null space is used again.
     """
     packed = like.packed if like and like.packed.rows is rows else pack(rows, blocks)
     system = _scaled(packed, weight)
@@ -113,7 +112,7 @@ def invert(
         basis = np.linalg.qr(like.null[np.argsort(blocks.place)] / system.scale[:, None])[0]
         held = _pivots(basis)
         elimination = eliminate(system.normal.held(held))
-        # a weight that changes by powers of ten costs the basis as many digits
+        # if a weight changes by powers of ten, the basis loses as many digits
         basis = np.linalg.qr(
             _refined(system, basis @ np.linalg.inv(basis[held]), held, elimination)
         )[0]
@@ -175,8 +174,8 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
     elimination.
 
     Inverse iteration proposes candidates. With one unknown fixed for each candidate the matrix is
-    regular, and the elimination gives the candidates to full precision. The rows decide, because
-    the normal matrix has lost half of the digits.
+    regular, and the elimination gives the candidates to full precision. The final test uses the
+    rows, because the normal matrix loses half of the digits.
     """
     count = len(system.scale)
     # the search excludes unknowns that no row involves: with rows of few functions these are most
@@ -202,8 +201,6 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
 def _refined(
     system: _System, basis: Vector, held: NDArray[np.int64], elimination: Elimination
 ) -> Vector:
-    """Return the nearly null directions of ``basis`` (count, k) with the digits that the normal
-    matrix has lost."""
     refined = basis
     for _ in range(REFINEMENTS):
         left = system.times_normal(refined)
@@ -213,8 +210,6 @@ def _refined(
 
 
 def _candidates(system: _System, idle: NDArray[np.int64]) -> Vector:
-    """Return an orthonormal basis of the directions that the rows hardly determine, by inverse
-    iteration on a growing block."""
     count, most = len(system.scale), len(system.scale) - len(idle)
     nearly = eliminate(system.normal.held(idle).raised(np.full(count, _SHIFT)))
     size = min(_FIRST_BLOCK, most)

@@ -4,7 +4,7 @@
     target = rows @ unknowns + pattern @ amount + noise
     amount ~ normal(0, size^2), noise ~ normal(0, 1 / weight)
 
-The rows are sparse. The matrices of the random effects are small, so that one trial of standard
+The rows are sparse. The matrices of the random effects are small, so that a new trial of standard
 deviations takes milliseconds.
 """
 
@@ -82,8 +82,7 @@ class MixedFit:
     @cached_property
     def damped_root(self) -> Vector:
         """Return a factor of the inverse of D = 1 + size seen size, shape (q, q): inverse =
-        root.T @ root. Every eigenvalue of D is at least one; rounding could give a smaller
-        value."""
+        root.T @ root. Eigenvalues of D below one are rounding errors and are replaced by one."""
         damped = np.eye(len(self.size)) + self.size[:, None] * self.causes.seen * self.size
         try:
             root = _inverse_of_lower(
@@ -177,8 +176,6 @@ class MixedFit:
 
 
 def _inverse_of_lower(lower: Vector) -> Vector:
-    """Return the inverse of a triangular matrix by halves: most operations are fast matrix
-    products."""
     size = len(lower)
     if size <= _SMALL:
         small: Vector = np.linalg.inv(lower).astype(np.float64, copy=False)

@@ -1,5 +1,5 @@
-"""Sparse rows packed into dense matrices of some dozen columns, one for each block of unknowns.
-The processor is ten times as fast on dense matrices as on single entries."""
+"""Sparse rows packed into dense matrices, one for each block of unknowns. The processor is ten
+times as fast on these dense matrices as on single entries."""
 
 from dataclasses import dataclass
 
@@ -80,7 +80,7 @@ class Packed:
             if block in by_block:
                 piece = by_block[block]
                 scaled = piece.value * scale[piece.column]
-                # for a prior on one unknown the diagonal of the inverse is enough
+                # for a prior on one unknown, a' C a needs only the diagonal of C
                 several = np.count_nonzero(piece.value, axis=1) > 1
                 square = scaled**2 @ np.diag(inverse)
                 some = scaled[several]
@@ -90,7 +90,8 @@ class Packed:
 
 
 def pack(rows: Rows, blocks: Blocks) -> Packed:
-    """Raises ``ValueError`` for a row that depends on two blocks which are not neighbours."""
+    """Return the rows in dense pieces. Raises ``ValueError`` for a row that depends on two
+    blocks which are not neighbours."""
     order = np.argsort(blocks.place)
     edges, border = blocks.edges, order[blocks.border]
     group = np.full(rows.count, -1)

@@ -16,12 +16,12 @@ from stepdiag.solver.uncertainty.spread import Spread, deviation
 FAR, FAR_IN_FEW = 10.0, 6.0
 """Largest credible ratio of an angular function to the usual size of an ordinary machine; the
 second value is for surveys with less than `FEW_FREEDOM` degrees of freedom. Worn machines with
-90 urad have 6 times the usual size, and their surveys show at most 7 times. A larger value is
-caused by a wrong reading."""
+90 urad have 6 times the usual size, and their surveys show at most 7 times. The cause of a
+larger value is a wrong reading."""
 FEW_FREEDOM = 20
 """Number of degrees of freedom below which a survey is small; a survey driven once has 13 with
 three increments and 7 with two. In a small survey, a slip of 20 um in a run of three stops looks
-like angles of 130 urad. Compensation with these angles increased the error of a machine from 5.7
+like angles of 130 urad; compensation with these angles increased the error of a machine from 5.7
 to 9.8 um."""
 
 
@@ -55,8 +55,8 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
 
 
 def angle_size_urad(found: Adjustment, spread: Spread) -> tuple[float, float, float] | None:
-    """Return the likely range of an angular function over the travel in urad: the median and the
-    95 % limits. The result is None if all angular functions are known."""
+    """Return the likely range of an angular function over the travel in urad, median and 95 %
+    limits; None if all angular functions are known."""
     if not found.shapes.names:
         return None
     place = spread.names.index("angles")
@@ -96,8 +96,6 @@ def angle_findings(
 
 
 def _far(found: Adjustment, least_urad: float) -> list[Finding]:
-    """Return the finding that refuses a survey with much larger angles than machines of its
-    class have."""
     usual = float(np.mean(found.shapes.range_urad))
     if least_urad <= (FAR_IN_FEW if found.fit.freedom < FEW_FREEDOM else FAR) * usual:
         return []

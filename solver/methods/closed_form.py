@@ -82,8 +82,6 @@ def _result(
 def _functions(
     volume: Volume, solution: VectorSolution, reading_u: float, terms: int
 ) -> dict[str, Function]:
-    """Return the nine displacement functions. Positioning functions include their slope if the
-    method determines it."""
     size = np.array(volume.size_mm)
     nodes = np.arange(volume.increments + 1)
     bridge = np.sqrt(2.0 * nodes * (volume.increments - nodes) / volume.increments)
@@ -130,8 +128,8 @@ def _scale(positioning: Function) -> Scale:
 def _reading_u(
     layout: Layout, data: DiagonalData, closure: Vector
 ) -> tuple[float, list[Finding]]:
-    """Return the stated standard uncertainty of an averaged reading. If none is stated, return
-    the value from the increments of the closure, with findings."""
+    """Return the stated standard uncertainty of an averaged reading, or the value from the
+    increments of the closure, with findings."""
     used = np.isin([key.setup for key in layout.passes], _used(layout))[layout.pass_index]
     stated = layout.u_um[used]
     if np.all(np.isfinite(stated)):

@@ -33,7 +33,7 @@ def coverage(
     u_readings: Vector,
 ) -> dict[str, CoverageFactor]:
     """Return the effective degrees of freedom and k for 95 % of each quantity whose k is above
-    `WORTH_SAYING`. Stated uncertainties of all readings mean k = 2."""
+    `WORTH_SAYING`. The result is empty if all readings have a stated uncertainty."""
     if np.all(np.isfinite(found.layout.u_um)):
         return {}
     report = {}

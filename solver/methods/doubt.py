@@ -1,5 +1,5 @@
 """The finding about a probable error in the readings: its candidates, their effects on the
-volume, and the setup whose repetition identifies the true one."""
+volume, and the setup whose repetition identifies the true candidate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.uncertainty.machine import Machine, free_fields_um, machine_of
 
 ALONE = 100.0
-"""Factor on the standard deviation of an explanation, so that its size is free."""
+"""Factor on the standard deviation of an explanation that makes its size practically free."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,9 +41,9 @@ def doubt_findings(found: Adjustment) -> list[Finding]:
     """Return the finding about an error with several explanations: the candidates, the most
     probable first, the effect of each on the volume, and the setup whose repetition separates them.
 
-    Growth is usual: if growth is a candidate, the finding is returned only if compensation would
-    increase the error under one candidate. No finding is returned if the lengths contradict each
-    other: then `scale_findings` contains all candidates.
+    Growth of a machine is usual: with growth as a candidate, the finding is returned only if
+    compensation would increase the error under one candidate. If the lengths contradict each other,
+    `scale_findings` lists the candidates instead.
     """
     setups = found.explained.unnamed
     if not (setups or found.explained.unnamed_with_growth) or scale_findings(found):
@@ -151,8 +151,6 @@ def rms_um(field_um: Vector) -> float:
 
 
 def _alone(found: Adjustment, one: Candidate) -> MixedFit:
-    """Return the fit if one explanation is true: its size is free, and all other explanations
-    are zero."""
     factors = []
     for effect, size in zip(found.effects, found.sizes.factor.tolist(), strict=True):
         usual = min(1.0, 1.0 / size) if effect.name in (GROWTH, SETUP_SCALE) else 1.0
@@ -166,9 +164,9 @@ def _alone(found: Adjustment, one: Candidate) -> MixedFit:
 
 
 def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
-    """Return the setup with the largest p (1 - p) per minute, and its minutes. p is the
-    probability that its passes contain the cause. Laser and target are set up again for the
-    repetition."""
+    """Return the best setup to drive again, and its minutes. The best setup has the largest p (1
+    - p) per minute, with p the probability that its passes contain the cause. Laser and target
+    are set up again."""
     found = []
     for setup in layout.setups:
         share = sum(
@@ -183,7 +181,7 @@ def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
 
 
 def minutes_of(layout: Layout, setup: Setup) -> float:
-    """Return the minutes of all passes of a setup, with usual times."""
+    """Return the minutes of all passes of a setup, with usual times for set-up and moves."""
     mine = [key for key in layout.passes if key.setup == setup.name]
     both = len({key.outward for key in mine}) > 1
     run = Run(

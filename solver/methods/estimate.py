@@ -184,7 +184,7 @@ def solve_estimate(
     trials: int = 0,
 ) -> Result:
     """Return the result of the estimator. A quantity that is not identified is None, and a finding
-    contains its remedy.
+    states the remedy.
 
     With ``trials`` the result also contains the scatter of simulated surveys (JCGM 101).
     """
@@ -259,8 +259,6 @@ def solve_estimate(
 def _over_the_volume(
     result: Result, done: Estimate, resolved: Sequence[str]
 ) -> tuple[Result, dict[str, float]]:
-    """Return the result with the figures for the whole volume, and the effect of each source of
-    uncertainty on the volume in um."""
     found = done.adjustment
     wider = with_the_usual(found, done.spread, done.quantities, done.known)
     seen = _barely_seen(done)
@@ -279,8 +277,6 @@ def _over_the_volume(
 
 
 def _barely_seen(done: Estimate) -> Spread:
-    """Return the covariances with the usual size for each quantity that the readings do not
-    determine."""
     determined = identified(done.quantities, done.spread.fit.inverse, {})
     kept = {
         name: known or not determined.get(name, True) for name, known in done.known.items()
@@ -307,7 +303,6 @@ def _scale(number: tuple[float, float, float] | None) -> Scale:
 
 
 def _errors(done: Estimate) -> dict[str, Function]:
-    """Return the nine displacement functions and the known angular functions."""
     errors = {
         name: _positioning(done, name) if name in POSITIONING else _function(done, name, None)
         for name in DISPLACEMENTS
@@ -323,15 +318,14 @@ def _errors(done: Estimate) -> dict[str, Function]:
 
 
 def _positioning(done: Estimate, name: str) -> Function:
-    """Return a positioning function at the nodes and at all other measured positions."""
     function = _function(done, name, sloped(name))
     stands_as = sloped(name) if function.slope_identified else name
     return finer(done.adjustment, done.spread, done.quantities, stands_as, function, name)
 
 
 def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
-    """Return a function with its slope; without the slope if it is not identified; without
-    values if the shape is not identified."""
+    """Return a function with its slope. A slope that is not identified is omitted, and a shape
+    that is not identified is None."""
     volume, axis = done.adjustment.layout.volume, AXIS_LETTERS.index(name[-1])
     full = done.curve(with_slope, volume.increments) if with_slope else None
     value, u, u_readings = full or done.curve(name, volume.increments) or (None, None, None)
@@ -348,7 +342,6 @@ def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
 
 
 def _known_angle(done: Estimate, name: str) -> Function:
-    """Return a known angular function, adjusted within its stated uncertainty."""
     volume = done.adjustment.layout.volume
     value, stated = (
         np.concatenate([[0.0], column])
@@ -366,8 +359,8 @@ def _known_angle(done: Estimate, name: str) -> Function:
 
 
 def _reversal(done: Estimate) -> dict[str, Function]:
-    """Return the reversal function of every error whose reversal is identified. Its value at the
-    low end is the measured value, or 0 with u = 0 if it was not measured."""
+    """Return the reversal function of every error whose reversal is identified. The value at the
+    low end is 0 with u = 0 if it was not measured."""
     if REVERSAL_PART not in done.adjustment.design.columns.parts:
         return {}
     whole = {name: done.known.get(backlash(name), False) for name in DISPLACEMENTS}
@@ -405,8 +398,6 @@ def backlash_numbers(done: Estimate) -> Backlashes | None:
 
 
 def _with_fit(result: Result, done: Estimate) -> Result:
-    """Return the result with the figures of the fit: degrees of freedom, sum of the scales,
-    backlash, undetected slips, closure."""
     found = done.adjustment
     solid = found.layout.volume.solid
     number = done.number(SCALE_SUM) if solid else None
@@ -444,8 +435,6 @@ _UNIDENTIFIED: tuple[
 
 
 def _missing(done: Estimate) -> list[Finding]:
-    """Return the findings on quantities that are not identified, with the runs of least time
-    that would identify them."""
     if not done.adjustment.layout.volume.solid:
         return [_standing(done)]
     lacking = [
@@ -460,8 +449,6 @@ def _missing(done: Estimate) -> list[Finding]:
 
 
 def _standing(done: Estimate) -> Finding:
-    """Return the finding about a survey in which an axis did not travel: it measures axes, but
-    no volume."""
     moved = done.adjustment.layout.volume.travelled
     standing = [
         letter for letter, travels in zip(AXIS_LETTERS, moved, strict=True) if not travels

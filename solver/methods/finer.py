@@ -25,8 +25,8 @@ def finer(
     function: Function,
     name: str,
 ) -> Function:
-    """Return a function of the result with its values between the nodes, if there are any.
-    ``stands_as`` is the name of its quantity."""
+    """Return a function of the result with its values between the nodes. ``stands_as`` is the
+    name of the quantity."""
     if (
         name not in found.between.names
         or function.value is None
@@ -72,8 +72,6 @@ def finer(
 def _between_rows(
     found: Adjustment, quantities: Quantities, stands_as: str, position_mm: Vector, axis: int
 ) -> Rows:
-    """Return the values on the straight lines between the nodes at some positions, as
-    combinations of the unknowns."""
     volume, mine = found.layout.volume, quantities.of(stands_as)
     at_nodes = quantities.combination.select(mine)
     dense = np.zeros((volume.increments + 1, at_nodes.count))

@@ -1,9 +1,9 @@
 """The straightness by the 4-DOF head in a result: its figures by three reference lines, and its
 comparison with the diagonals.
 
-If head and diagonals contradict each other, it is unknown which is right, and a mean would be
-wrong. The result then contains the values of the diagonals, with an uncertainty that includes the
-head's values. An export is refused until the cause is removed.
+If head and diagonals contradict each other, either may be wrong, and their mean is wrong. The
+result then contains the values of the diagonals, with an uncertainty that includes the head's
+values. An export is refused until the cause is removed.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,12 +27,13 @@ from stepdiag.solver.model.lateral import MeasuredStraightness, of_known_angles
 from stepdiag.solver.standards.straightness import residuals_um, straightness_um
 
 LEAST_CHECKED = 2
-NORMAL_999 = 3.09  # the 99.9 % point of the normal distribution
 """Smallest number of checked values of the head for which agreement is reported."""
+NORMAL_999 = 3.09  # the 99.9 % point of the normal distribution
 LIKELY = 0.8
-"""Probability, from differences among the head's values, that the waves between the nodes are at
-most as large as assumed. With 0.8, 6 of 180 surveys without a fault had a contradiction (12 with
-0.5), none of them with waves of at least `BENT`; from 0.95, some wrong signs are not detected."""
+"""Probability that the waves between the nodes are at most as large as assumed, from differences
+among the head's values. With 0.8, 6 of 180 surveys without a fault had a contradiction (12 with
+0.5), none of them with waves of at least `BENT`. From 0.95 on, some wrong signs are not
+detected."""
 BENT = 2.0 / 8.0
 """Deviation of a function in the middle between two nodes from the straight line, as a share of
 its second differences at the nodes: 1/8 for a smooth function, 1/4 for waves of two increments."""
@@ -77,11 +78,11 @@ def agreeing(
 
 
 def sizes_of(alone: Adjusted) -> dict[str, float]:
-    """Return the sizes of angular functions and of the waves between the nodes, relative to their
-    usual sizes and at least 1, from the laser's readings.
+    """Return the sizes of angular functions and of the waves between the nodes by the laser's
+    readings, relative to their usual sizes and at least 1.
 
-    The comparison of the head with the diagonals uses these sizes: otherwise an error of 8 um in
-    the head's values would be explained by angles of 80 urad or by waves between the nodes.
+    The comparison of the head with the diagonals uses these sizes. With free sizes, angles of 80
+    urad or waves between the nodes would explain an error of 8 um in the head's values.
     """
     effects = zip(alone.adjustment.effects, alone.adjustment.sizes.factor, strict=True)
     turning = {
@@ -110,8 +111,8 @@ def beside_head(
     measured: Sequence[MeasuredStraightness],
     found: Adjustment,
 ) -> tuple[dict[str, Function], dict[str, HeadStraightness]]:
-    """Return the functions and the report. For contradictions between head and diagonals, the
-    report contains the difference, and U of the function includes it."""
+    """Return the functions and the report. If head and diagonals contradict each other, the
+    report contains their difference, and U of the function includes the difference."""
     wider, compared = dict(errors), dict(report)
     for name in _contradicting(report):
         mine, function = [one for one in measured if one.name == name], errors[name]
@@ -183,8 +184,8 @@ def _checked(
     """Return the fits for the comparison; random effects have their usual size, except those in
     ``sizes``.
 
-    The size of the waves between the nodes is computed from the rows of each function separately. A
-    common size could hide a wrong sign if head and diagonals have few common positions.
+    The size of the waves between the nodes is computed for each function separately: a common size
+    could hide a wrong sign if head and diagonals have few common positions.
     """
     between = np.repeat(
         [effect.name == BETWEEN for effect in found.effects],
@@ -219,12 +220,10 @@ def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
 
 
 def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
-    """Return chi-square, divided by its limit, of a function's rows against all ``others``, or of
-    these rows among themselves if that is larger. The result is None if too few rows are checked.
-
-    A single chi-square over all passes could hide a difference between the head and all other
-    passes.
-    """
+    """Return chi-square, divided by its limit, of a function's rows against all ``others``, or
+    of these rows among themselves if that is larger. Return None if too few rows are checked. A
+    single chi-square over all passes could hide a difference between the head and all other
+    passes."""
     among = _over_chance(alone.chi_square, alone.freedom)
     return max(
         (one for one in (_apart(whole, others, alone), among) if one is not None),
@@ -268,14 +267,12 @@ def _sign_hidden(
 
 
 def _turned_over(whole: MixedFit, rows: NDArray[np.bool_]) -> MixedFit:
-    """Return a fit with the opposite sign of the target in some rows."""
     return whole.for_target(np.where(rows, -1.0, 1.0) * whole.fixed.target)
 
 
 def _head_rows(
     found: Adjustment, measured: Sequence[MeasuredStraightness]
 ) -> dict[str, NDArray[np.bool_]]:
-    """Return a mask of the fit's rows for each function of the head."""
     name = np.array([one.name for one in measured for _ in one.position_mm])
     before, after = len(found.layout), len(found.fit.weight) - len(found.layout) - len(name)
     return {one.name: np.pad(name == one.name, (before, after)) for one in measured}

@@ -25,8 +25,8 @@ from stepdiag.solver.model.warmth import expansions
 AS_MEASURED: Lengths = "as_measured"
 AT_20_C: Lengths = "at_20_c"
 UNMEASURED_C = 3.5
-"""Standard uncertainty in C of an assumed material temperature, as for a sensor without a
-reading for an hour. A value in the survey file replaces it."""
+"""Standard uncertainty in C of an assumed material temperature, as for a sensor whose last value
+is one hour old. A value in the survey file replaces this one."""
 REACH_MM = 100.0
 """Distance between mirror and tool tip for which the effect of the angles is reported."""
 
@@ -37,9 +37,8 @@ def at_their_temperature(
     """Return the assumptions with the material's temperature, and whether the readings are reduced
     to 20 C.
 
-    Readings that were reduced to 20 C without a measured temperature have the stated uncertainty of
-    the temperature, or else `UNMEASURED_C`. Raises ``DataError`` if only some readings were
-    reduced.
+    Without a measured temperature, readings reduced to 20 C have the stated uncertainty of the
+    temperature, or else `UNMEASURED_C`. Raises ``DataError`` if only some readings were reduced.
     """
     found = assumed or Assumptions()
     reduced = bool(len(readings) and readings.at_20_c.all())
@@ -105,8 +104,8 @@ def lengths_report(
     """Return the lengths that the tables correct, and the scales as measured and at 20 C with their
     combined u.
 
-    ``known`` is True if the material's temperature was measured. If it was not, the scale at the
-    other temperature is None.
+    The scale at the other temperature is None if the material's temperature was not measured
+    (``known`` is False).
     """
     here, other = (
         (AT_20_C, AS_MEASURED) if assumed.reduced_to_20_c else (AS_MEASURED, AT_20_C)
@@ -156,12 +155,10 @@ def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) ->
 def tool_report(
     errors: Mapping[str, Function], expected: Mapping[str, Function], assumed: Assumptions
 ) -> Tool:
-    """Return the point of the reported errors, and the effect of the angles on a tool tip at
-    `REACH_MM` from it, in um (k = 2).
-
-    The errors are those of the point where the beam meets the mirror. The effect is computed from
-    the largest value and U of each angular function, or from its assumed range.
-    """
+    """Return the point of the reported errors, which is the point where the beam meets the
+    mirror, and the effect of the angles on a tool tip at `REACH_MM` from this point, in um (k =
+    2). The effect is computed from the largest value and U of each angular function, or from its
+    assumed range."""
     reach = []
     for name in ROTATIONS:
         function = errors.get(name) or expected.get(name)

@@ -1,5 +1,3 @@
-"""The public function of the solver."""
-
 from collections.abc import Sequence
 
 from stepdiag.base.conditions.assumptions import Assumptions

@@ -2,8 +2,8 @@
 ISO 230-6 along diagonals.
 
 Figures that include the reversal (B, R, A, and all of VDI/DGQ 3441) require passes in both
-directions with a common zero of the laser's count (contract 4, column ``zero``). Without it they
-are omitted, with a finding.
+directions with a common zero of the laser's count (contract 4, column ``zero``). Otherwise these
+figures are omitted, with a finding.
 """
 
 from collections.abc import Mapping
@@ -175,7 +175,6 @@ def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
 
 
 def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
-    """Return the passes that share the zero of the count with the most runs in both directions."""
     zeros = [int(layout.zero_index[mine[0]]) for mine in passes]
     ways = [(zero, _upward(layout, mine)) for zero, mine in zip(zeros, passes, strict=True)]
     longest = max(
@@ -189,8 +188,6 @@ def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[n
 
 
 def _travel(layout: Layout, rows: NDArray[np.int64]) -> Vector:
-    """Return the sign of the travel of every axis in the pass of each row, from the last stop of
-    the pass, shape (rows, 3)."""
     last = {int(number): row for row, number in enumerate(layout.pass_index.tolist())}
     travel: Vector = layout.approach[
         [last[number] for number in layout.pass_index[rows].tolist()]
@@ -237,7 +234,6 @@ def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSourc
 
 
 def _vdi(found: SetupRuns) -> list[StandardFigures]:
-    """Return the figures of VDI/DGQ 3441; none without two runs in each direction."""
     runs = found.runs
     if runs.down_um is None or min(runs.up_um.shape[1], runs.down_um.shape[1]) < 2:
         return []
@@ -245,7 +241,6 @@ def _vdi(found: SetupRuns) -> list[StandardFigures]:
 
 
 def _largest_u(each: Mapping[str, StandardFigures]) -> dict[str, float]:
-    """Return U of the machine's figures: the largest U of the figures of the diagonals."""
     names = {"E_d": "E", "B_d": "B", "R_d": "R", "A_d": "A"}
     stated = [one.U or {} for one in each.values()]
     return {

@@ -122,10 +122,8 @@ def volume_shares_um(
     u_um: float,
 ) -> dict[str, float]:
     """Return the root mean square length of the error vector over the volume for each source of
-    uncertainty (k = 1).
-
-    ``u_um`` is the combined value. The share of unmeasured errors is the remainder of ``u_um``.
-    """
+    uncertainty (k = 1). ``u_um`` is the combined value; the share of unmeasured errors is the
+    rest of ``u_um``."""
     _, seen, unmeasured = machines
     fields = free_fields_um(seen, found.layout.volume, found.design.chain)
     # the product of this smaller matrix with the values has the square sum of the error vector
@@ -161,9 +159,9 @@ def _offset(
     errors: Mapping[str, Function],
     known: Mapping[str, bool],
 ) -> Vector:
-    """Return the expected difference between the machine and the report: the expected values of
-    quantities that are not identified. A positioning function without an identified slope is
-    reported as its shape."""
+    """Return the expected difference between the machine and the report, which omits quantities
+    that are not identified. A positioning function without an identified slope is reported as
+    its shape."""
     expected = (
         machine.combination.times(wider.fit.unknowns) + machine.on_causes @ wider.fit.amount
     )
@@ -195,8 +193,8 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
 
     The size is estimated from the bends of the function at the targets, minus the noise. Waves that
     are zero at the targets are assumed for positioning functions (ball screw, scale), because no
-    reading shows them. If a finer run shows such waves in one function, they are also assumed for
-    all others.
+    reading shows these waves. If a finer run shows such waves in one function, they are assumed for
+    all functions.
     """
     factor, found, shown = hidden_factors(), {}, shown_finer_um(errors)
     likely, share = (
@@ -286,7 +284,7 @@ def drawn_surveys(
     spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, trials: int
 ) -> MonteCarlo:
     """Return, for each quantity, the standard deviation in simulated surveys (JCGM 101) and the
-    stated standard uncertainty, rms over the nodes of a function. A single number also has its
+    stated standard uncertainty (rms over the nodes of a function), and for a single number its
     shortest 95 % interval."""
     drawn = monte_carlo(spread, quantities.combination, trials=trials)
     report = {}
@@ -313,8 +311,8 @@ def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[s
     turning = wider.causes_of(*TURNING)
     usual = float(np.mean(found.shapes.range_urad)) * wider.sizes.factor[wider.group]
     factor = np.where(turning, 2.0 * HEAD_URAD / np.maximum(usual, 2.0 * HEAD_URAD), 1.0)
-    # all other sizes are constant: a new estimate with smaller angles would enlarge
-    # them
+    # all other sizes are constant: with smaller angles, a new estimate would be
+    # larger
     sure = replace(wider.sizes, sought=np.zeros_like(wider.sizes.sought))
     quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)
     machine = machine_of(

@@ -106,7 +106,7 @@ def _function(where: str, rows: list[_Row], component: int) -> KnownAngle:
 
 
 def render_angles(angles: Angles) -> str:
-    """Return the text of an angles file (contract 4) with LF line ends and six decimals. Values
+    """Return the text of an angles file (contract 4) with LF line ends and six decimals. Angles
     at one position with different uncertainties are written in different rows."""
     lines = ["axis,position_mm," + ",".join(ROTATION_COLUMNS) + ",u_urad"]
     for axis, letter in enumerate(AXES):

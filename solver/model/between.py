@@ -1,10 +1,10 @@
 """Targets between the nodes: the deviation of an error function from the straight line between two
 nodes is a random effect of the adjustment.
 
-Such targets exist if a linear run has more targets than the diagonals, if the diagonals have
-different increments, or if a 4-DOF head measured at more stops. Between two neighbouring nodes the
-deviation is modelled as a Brownian bridge, which is zero at both nodes. Its standard deviation is
-estimated from the readings.
+A survey has such targets if a linear run has more targets than the diagonals, if the diagonals have
+different increments, or if a 4-DOF head measured at more stops. The deviation is a Brownian bridge
+between two neighbouring nodes, zero at both nodes. Its standard deviation is estimated from the
+readings.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,8 @@ from stepdiag.solver.model.layout import Layout
 USUAL_UM = 0.5
 """Initial standard deviation of an error function in the middle between two nodes, in um."""
 MOST_CAUSES = 600
-"""Largest number of random effects between the nodes. If the targets require more, the
-adjustment omits the shortest waves, because these are the smallest."""
+"""Largest number of random effects between the nodes; above it the adjustment omits the shortest
+waves, which are the smallest."""
 BETWEEN = "between the nodes"
 
 
@@ -34,8 +34,8 @@ class AxisBetween:
     """The targets between the nodes of an axis in mm, ascending, and the ``basis`` (positions, r)
     of the random effects at these targets.
 
-    ``alone`` (positions,) marks the targets of a linear run: only a linear run measures the
-    positioning function itself there.
+    ``alone`` (positions,) marks the targets of a linear run, because only a linear run measures the
+    positioning function alone.
     """
 
     position_mm: Vector
@@ -59,7 +59,6 @@ class Between:
         return self.axes[DISPLACEMENTS.index(name) // 3]
 
     def causes_of(self, name: str) -> slice:
-        """Return the indices of a function's random effects."""
         before = self.names[: self.names.index(name)]
         first = sum(self.of(one).basis.shape[1] for one in before)
         return slice(first, first + self.of(name).basis.shape[1])
@@ -95,7 +94,7 @@ def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) ->
 
 
 def effect_between(layout: Layout, between: Between) -> Effect:
-    """Return the effect of the functions between the nodes on the readings."""
+    """Return the effect on the readings of the functions' deviations between the nodes."""
     off = _off_nodes(layout)
     pattern = np.zeros((len(layout), between.count))
     for name in between.names:
@@ -112,8 +111,8 @@ def effect_between(layout: Layout, between: Between) -> Effect:
 def between_beside_head(
     layout: Layout, measured: Sequence[MeasuredStraightness], between: Between
 ) -> Vector:
-    """Return the effect of the functions between the nodes on the head's values, shape (rows,
-    random effects)."""
+    """Return the effect on the head's values of the functions' deviations between the nodes,
+    shape (rows, random effects)."""
     pieces = [np.zeros((0, between.count))]
     for one in measured:
         rows = np.flatnonzero(_head_off_nodes(layout, one))
@@ -128,11 +127,6 @@ def between_beside_head(
 
 
 def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
-    """Return for each reading and axis whether the target is between nodes of an axis that the
-    setup travels, shape (m, 3).
-
-    The error of an axis that does not travel is part of the offset.
-    """
     _, fraction = between_nodes(layout.volume, layout.position_mm)
     travels = np.array([setup.signs for setup in layout.setups])[layout.setup_index] != 0
     found: NDArray[np.bool_] = (fraction > 0) & (fraction < 1) & travels
@@ -159,8 +153,6 @@ def _positions(
 def _axis(
     layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool_], waves: float
 ) -> AxisBetween:
-    """Return the random effects at the targets of an axis: between two neighbouring nodes at
-    most ``waves`` half waves."""
     steps = (
         (position_mm - layout.volume.origin_mm[axis])
         / layout.volume.length_mm[axis]
@@ -185,7 +177,6 @@ def _axis(
 
 
 def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> AxisBetween:
-    """Return the axis with a ``share`` of its half waves, at least one between two nodes."""
     volume = layout.volume
     steps = (
         (axis.position_mm - volume.origin_mm[number])
@@ -203,7 +194,5 @@ def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> Ax
 
 
 def _places(positions: Vector, wanted: Vector) -> NDArray[np.int64]:
-    """Return the index in ``positions`` of each value of ``wanted``: of positions equal within
-    the tolerance only the smallest is stored."""
     found: NDArray[np.int64] = np.searchsorted(positions, wanted, side="right") - 1
     return found

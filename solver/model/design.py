@@ -8,11 +8,11 @@ its setup.
       + d . sum_a miss_a(last move of axis a)                        solver.adjustment.scatter
 
 ``play_a`` is the reversal at the low end of axis a. It is an unknown if an outward pass and its
-return pass share the zero of the laser's count; otherwise the offsets of the passes contain it.
+return pass share the zero of the laser's count; otherwise it is part of the offsets of the passes.
 
 Units: um, urad, mm; tilts in mrad. The errors of the machine are zero at the first node of each
-axis and linear between nodes. The model does not fix rigid rotations: `solver.linear.least_squares`
-computes the directions that the readings do not determine.
+axis and linear between nodes. A rigid rotation of the machine is not determined by the readings;
+`solver.linear.least_squares` computes all such directions.
 """
 
 from collections.abc import Sequence
@@ -29,10 +29,9 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import Layout
 
 _ROUNDING = 1e-9
-"""Share of an increment: a smaller difference of positions is rounding."""
+"""Difference of two positions, as a share of an increment, below which it is rounding."""
 FEW_UNKNOWNS = 128
-"""Number of unknowns below which the elimination uses a single block; smaller blocks would be
-slower."""
+"""Smallest number of unknowns that the elimination splits into blocks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +78,6 @@ class Columns:
         return self.offset
 
     def of(self, part: int, axis: int, component: int) -> NDArray[np.int64]:
-        """Return the columns of a function at nodes 1 .. n, shape (n,)."""
         start = self.parts.index(part) * 9 * self.nodes
         nodes: NDArray[np.int64] = (
             start + (axis * self.nodes + np.arange(self.nodes)) * 3 + component
@@ -107,8 +105,7 @@ class Design:
 
 
 def build_design(layout: Layout, chain: str, model: Model) -> Design:
-    """Return the design of a survey for a kinematic chain. Raises ``UsageError`` for an invalid
-    chain."""
+    """Return the design of a survey. Raises ``UsageError`` for an invalid kinematic chain."""
     tilt_setup, tilt_direction = _tilts(layout)
     pairs = _drift_pairs(layout)
     parts = tuple(
@@ -177,7 +174,7 @@ def _packed_rows(
 
 def between_nodes(volume: Volume, position_mm: Vector) -> tuple[NDArray[np.int64], Vector]:
     """Return, for positions (m, 3), the node below and the fraction of the increment from this
-    node. A position within rounding of a node is at the node."""
+    node. Rounding errors of a position at a node are removed."""
     steps = (position_mm - volume.origin_mm) / volume.length_mm * volume.increments
     near = np.round(steps)
     steps = np.where(np.abs(steps - near) <= _ROUNDING, near, steps)
@@ -234,8 +231,6 @@ def _machine_entries(
 def _function_entries(
     columns: Columns, part: int, node: NDArray[np.int64], value: Vector
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Return columns and values, nine entries in each row. Functions are zero at the first node,
-    which has no unknown."""
     start = columns.parts.index(part) * 9 * columns.nodes
     known = np.maximum(node, 1) - 1
     column = start + ((np.arange(3) * columns.nodes + known) * 3)[:, :, None] + np.arange(3)
@@ -252,8 +247,8 @@ def _play_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], 
 
 
 def _offset_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Return columns and values of the offsets: each offset is an unknown, because the first stop
-    has the same noise as all other stops.
+    """Return columns and values of the offsets of the count: the first stop has noise like all
+    other stops, so its value is an unknown.
 
     An outward pass and its return pass share an offset. Each repetition has its own offset, so a
     drift of the count between repetitions has no effect.
@@ -262,8 +257,8 @@ def _offset_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64]
 
 
 def _tilts(layout: Layout) -> tuple[tuple[int, ...], Vector]:
-    """Return the setup and the direction of every observable mirror tilt: a tilt is observable
-    if the setup travels across the beam in its direction."""
+    """Return the setup and the direction of every observable mirror tilt: a setup shows a tilt
+    in a direction in which it travels across the beam."""
     setups: list[int] = []
     directions: list[Vector] = [np.zeros((0, 3))]
     for index in range(len(layout.setups)):
@@ -302,8 +297,6 @@ def _tilt_entries(
 
 
 def _drift_pairs(layout: Layout) -> list[tuple[str, int, NDArray[np.bool_]]]:
-    """Return setup, pair number and rows of every outward pass with its return pass: only such
-    pairs separate drift from the machine's errors."""
     numbers = {key: index for index, key in enumerate(layout.passes)}
     pairs = []
     for key, index in numbers.items():
@@ -333,8 +326,8 @@ def _miss_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], 
 
 
 def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
-    """Return the block of every unknown for the elimination. Border unknowns have the number -1:
-    offsets, tilts, drifts, end nodes, and nodes at which an axis does not move during a pass."""
+    """Return the block number of every unknown for the elimination, -1 for the border: offsets,
+    tilts, drifts, end nodes, and nodes at which an axis does not move during a pass."""
     group = np.full(columns.count, -1, dtype=np.int64)
     if columns.count <= FEW_UNKNOWNS:
         return group
@@ -359,7 +352,6 @@ def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
 
 
 def _merged(group: NDArray[np.int64], rows: Rows) -> NDArray[np.int64]:
-    """Return block numbers for which each row depends on neighbouring blocks only."""
     touched = np.where(rows.value != 0, group[rows.column], -1)
     highest = touched.max(axis=1)
     lowest = np.where(touched < 0, highest[:, None], touched).min(axis=1)

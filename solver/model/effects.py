@@ -1,8 +1,8 @@
-"""The random effects of the adjustment: errors that change many readings together, for example
-angles or drift, and of which only the usual size is known.
+"""The random effects of the adjustment: errors with a known usual size that change many readings
+together, for example angles or drift.
 
-Restricted maximum likelihood estimates the sizes from the readings (`solver.linear.components`). If
-the readings do not determine a size, the assumed size is used and increases the uncertainty.
+Restricted maximum likelihood estimates their sizes from the readings (`solver.linear.components`).
+If the readings do not determine a size, the assumed size is used and increases the uncertainty.
 """
 
 from collections.abc import Mapping
@@ -21,9 +21,8 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.warmth import counted_mm, excess_c
 
 LINE_SHARE, WAVE_SHARE = 0.3, 0.32
-"""Standard deviations of an angular function, as shares of its range: of its straight part at
-the far end, and of its first half wave. The standard deviation of half wave k is 1/k of the
-first."""
+"""Standard deviations of an angular function relative to its range: of its straight part at the
+far end, and of its first half wave. Half wave k has 1/k of the standard deviation of the first."""
 MOST_WAVES = 16
 LONG_WAVES = 3
 """Number of half waves whose standard deviation is estimated together with the straight part.
@@ -34,8 +33,8 @@ TURNING = (ANGLES, SHORT_ANGLES)
 GROWTH, SETUP_SCALE, FIRST_STOPS = "growth", "setup scale", "first stops"
 ONE_SCALE, ONE_WALK, BESIDE = "scale of one setup", "walk of one pass", "beside the model"
 BACKLASH = 0.6
-"""Initial backlash at first stops, as a multiple of the repeatability. With overrun these stops
-have no backlash; without overrun they have the whole backlash of the axis."""
+"""Initial standard deviation of the backlash at first stops, as a multiple of the repeatability.
+With overrun the backlash is zero there; without overrun it is the whole backlash of the axis."""
 WANDER_WAVES = 3
 BEARING = 0.5
 """Standard deviation of the distance between the fixed bearing of the ball screw and the low
@@ -44,8 +43,8 @@ LEAST_SCATTER_UM = 0.02
 """Scatter of reported positions below which it is neglected. Positions in steps of 0.1 um
 scatter by 0.03 um, which is less than the noise of a laser."""
 TIME_CONSTANTS_H = (0.3, 1.0, 3.0)
-"""Time constants of thermal growth: a ball screw reaches its final length in minutes, a column
-in hours (ISO 230-3 measures for four hours)."""
+"""Time constants of thermal growth in hours: a ball screw reaches its final length in minutes, a
+column in hours (ISO 230-3 measures for four hours)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,8 +68,8 @@ class AngleShapes:
     """The shapes of unknown angular functions: ``names`` of the functions, and the number of half
     ``waves`` of each function.
 
-    The columns of all straight parts and long waves are placed before the columns of all short
-    waves, because the two have separate standard deviations.
+    The columns of straight parts and long waves are placed before the columns of short waves,
+    because the two groups have separate standard deviations.
     """
 
     names: tuple[str, ...]
@@ -78,8 +77,8 @@ class AngleShapes:
     waves: int
 
     def at(self, layout_share: Vector) -> Vector:
-        """Return the shapes at fractions 0 .. 1 of the travel for a range of 1, shape (m, 1 +
-        waves)."""
+        """Return an angular function's straight part and half waves at fractions 0 .. 1 of the
+        travel for a range of 1, shape (m, 1 + waves)."""
         number = np.arange(1, self.waves + 1)
         waves = WAVE_SHARE * np.sin(np.pi * number * layout_share[:, None]) / number
         return np.column_stack([LINE_SHARE * layout_share, waves])
@@ -92,7 +91,6 @@ class AngleShapes:
         return len(self.names) * (1 + min(self.waves, LONG_WAVES))
 
     def causes_of(self, name: str) -> NDArray[np.int64]:
-        """Return the columns of an angular function."""
         place, long = self.names.index(name), 1 + min(self.waves, LONG_WAVES)
         short = self.waves + 1 - long
         return np.concatenate(
@@ -119,12 +117,8 @@ def angle_shapes(
 def effects_of(
     layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumptions
 ) -> tuple[Effect, ...]:
-    """Return every random effect on the readings of a layout, without effects that are zero for all
-    readings.
-
-    Angular functions are always included, because the machine has angular errors even if no reading
-    depends on them.
-    """
+    """Return every random effect that changes a reading. Angular functions are always included,
+    because the machine has angular errors even if no reading depends on them."""
     found = (
         *_angles(layout, chain, shapes),
         _drift(layout, assumed),
@@ -147,8 +141,8 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Ef
     """Return the effects of the unknown angular functions (theory 4.3): one for straight parts and
     long waves, one for short waves.
 
-    With a single standard deviation, the absence of short waves, which the readings show best,
-    would also reduce the long waves.
+    The readings show short waves best. With a common standard deviation, a machine without short
+    waves would also have too small long waves.
     """
     arms = rotation_coefficients(layout, chain)
     pattern = np.zeros((len(layout), len(shapes.names) * (shapes.waves + 1)))
@@ -173,8 +167,6 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Ef
 
 
 def _elapsed(layout: Layout) -> Vector:
-    """Return the progress of each unbroken count, shape (m,): 0 at its start, and 1 more at the
-    end of each pass."""
     elapsed = np.zeros(len(layout))
     for number in np.unique(layout.offset_index):
         mine = np.flatnonzero(layout.offset_index == number)
@@ -184,8 +176,6 @@ def _elapsed(layout: Layout) -> Vector:
 
 
 def _by(index: NDArray[np.int64], values: Vector) -> Vector:
-    """Return a column for each number in ``index``, shape (m, numbers): the values of the rows
-    with this number, and zeros elsewhere."""
     apart: Vector = values[:, None] * (index[:, None] == np.unique(index))
     return apart
 
@@ -196,8 +186,6 @@ def _first_of(index: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _drift(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the effect of a linear drift in each unbroken count. In addition, the drift of an
-    outward pass with its return pass is an unknown of the design."""
     pattern = assumed.drift_um * _by(layout.offset_index, _elapsed(layout))
     return Effect(
         name="drift",
@@ -208,7 +196,7 @@ def _drift(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def _wander(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the effect of a random walk of the laser in each unbroken count, as the largest
+    """Return the effect of a random walk of the laser in each unbroken count, by the largest
     terms of its Karhunen-Loeve expansion."""
     elapsed = _elapsed(layout)
     longest = np.zeros(int(layout.offset_index.max()) + 1)
@@ -263,8 +251,8 @@ def _growth(layout: Layout, assumed: Assumptions) -> Effect:
     time.
 
     For each time constant an axis has one column for its length and one for the position of the
-    fixed bearing of its ball screw. Without the times of all readings, growth cannot be separated
-    from the scales of the setups, and the effect has no columns.
+    fixed bearing of its ball screw. The effect has no columns if a reading has no time, because
+    growth cannot then be separated from the scales of the setups.
     """
     waves = growth_waves(layout)
     beside_m = BEARING * 1e-3 * np.array(layout.volume.size_mm) * layout.direction
@@ -277,8 +265,8 @@ def _growth(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def growth_waves(layout: Layout) -> Vector:
-    """Return exponentials in time minus their means, shape (m, time constants). The result has
-    no columns if a reading has no time."""
+    """Return exponentials in time minus their means, shape (m, time constants), without columns
+    if a reading has no time."""
     hours = layout.hours
     if not len(layout) or not np.all(np.isfinite(hours)) or np.ptp(hours) == 0.0:
         return np.zeros((len(layout), 0))
@@ -290,11 +278,8 @@ def growth_waves(layout: Layout) -> Vector:
 
 
 def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the effect of each axis' backlash at the first stops of a pass, before the first move
-    of the axis.
-
-    Without overrun these stops differ from all later stops by the backlash, equally in every pass.
-    """
+    """Return the effect of each axis' backlash at the stops before the first move of the axis in
+    a pass. Without overrun these stops differ from all later stops by the backlash."""
     begins = _first_of(layout.pass_index)
     # after a reversal without overrun, the last move belongs to the previous pass
     came = (begins == 0)[:, None] | (
@@ -310,11 +295,11 @@ def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
 def _registers(layout: Layout) -> Effect:
     """Return the effect of reported positions that scatter although the machine stands still.
 
-    The deviation of a reading is relative to the reported position, so such scatter adds an error.
-    There are two patterns: scatter while an axis stands, and scatter between the ends of its moves.
-    The amount of each pattern is 0 if the axis really was at the reported position and 1 if only
-    the reported value scatters. Rounding that is equal at each repetition of a target, or that
-    accumulates over increments, is not scatter.
+    The deviation of a reading is relative to the reported position, so a scatter of the reported
+    position adds an error. There are two patterns: scatter while an axis stands, and scatter
+    between the ends of its moves. The amount of a pattern is 0 if the axis really was at the
+    reported position, and 1 if only the reported value scatters. Rounding that repeats at each
+    target, or that accumulates over increments, is not scatter.
     """
     within, between = np.zeros_like(layout.beside_mm), np.zeros_like(layout.beside_mm)
     for axis in range(3):
@@ -362,8 +347,6 @@ def _beside_program_mm(layout: Layout, axis: int) -> Vector:
 
 
 def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return the effect of the common error of the refractive index of air and the wavelength,
-    which no closure shows."""
     along_m = 1e-3 * np.sum(travel_mm(layout), axis=1)
     text = message("assumed-air", index_ppm=assumed.index * 1e6)
     return Effect(name="air", text=text, pattern_um=1e6 * assumed.index * along_m[:, None])
@@ -371,11 +354,8 @@ def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:
 
 def _material(layout: Layout, assumed: Assumptions) -> Effect:
     """Return the effects of the material temperature and the expansion coefficient of each axis
-    (theory 8.7).
-
-    Both affect the lengths if the readings were reduced to 20 C. The coefficient also affects
-    readings that were reduced to the mean temperature of the survey.
-    """
+    on readings reduced to 20 C (theory 8.7). The coefficient also affects readings reduced to
+    the mean temperature of the survey."""
     along_m = 1e-3 * travel_mm(layout) * float(assumed.reduced_to_20_c)
     excess = np.array(assumed.material_c) - REFERENCE_TEMPERATURE_C
     by_temperature = along_m * np.array(assumed.expansion_um_m_c) * assumed.u_material_c

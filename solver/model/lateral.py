@@ -4,8 +4,8 @@
 
 for component c of axis a on the line through the low corner of the volume (theory 2.2, 4.3). Offset
 and slope are the alignment of the head: they are unknowns of every pass and lateral direction and
-do not affect the squareness. Diagonals and head have their own weights; a disagreement increases
-the residuals and the uncertainties.
+do not affect the squareness. The rows of the head and of the diagonals are weighted by their
+uncertainties.
 """
 
 from collections.abc import Sequence
@@ -33,8 +33,8 @@ class MeasuredStraightness:
     """A pass of the head in one lateral direction: ``name`` is EYX .. EYZ, positions in mm, values
     and standard uncertainties in um.
 
-    ``approach`` is +1 for travel in + and -1 for travel in -. The values may include any straight
-    line.
+    ``approach`` is +1 for travel in + and -1 for travel in -. A straight line in the values has no
+    effect on the result.
     """
 
     name: str
@@ -57,12 +57,9 @@ class Observed:
 def at_targets(
     measured: Sequence[MeasuredStraightness], layout: Layout
 ) -> list[MeasuredStraightness]:
-    """Return the head's passes with each position replaced by its target; targets of the laser are
-    used if these are near.
-
-    The value is corrected by the slope of the pass, because the slope by the head's alignment is
-    larger than any straightness error.
-    """
+    """Return the head's passes with positions moved to their targets, if possible to targets of
+    the laser. The values are corrected by the slope of the pass, which is mainly the head's
+    alignment."""
     found = list(measured)
     for axis, letter in enumerate(AXIS_LETTERS):
         mine = [index for index, one in enumerate(measured) if one.name[2] == letter]

@@ -24,8 +24,8 @@ from stepdiag.base.volume import (
 
 MOST_SETUPS = 200
 BESIDE_NODE = 0.3
-"""Largest distance between a node and the nearest target of a run, as a share of an increment.
-With a larger distance, the value at the node would depend mainly on other targets."""
+"""Largest distance between a node and the nearest target of a run, as a share of an increment:
+with a larger distance, the value at the node depends mainly on farther targets."""
 MOVES: Mapping[Kind, int] = {"step": 3, "face": 2, "body": 1, "linear": 1}
 
 
@@ -41,10 +41,10 @@ class Layout:
     nearest to the target (theory 4.3). ``approach`` is the sign of every axis' last move.
 
     ``deviation_um`` is the reading minus its nominal value at the reported position. Readings with
-    the same ``zero_index`` share the zero of the laser's count. Of these, an outward pass and its
-    return pass have the same ``offset_index``. ``clock`` is the time since the start of an
-    out-and-back pair: in hours if ``timed``, else in stops. ``hours`` are time stamps;
-    ``temperature_c`` is the temperature of the material. Both are NaN if missing.
+    the same ``zero_index`` share the zero of the laser's count. Readings of an outward pass and its
+    return pass with a common zero have the same ``offset_index``. ``clock`` is the time since the
+    start of an out-and-back pair, in hours if ``timed``, else in stops. ``hours`` are time stamps
+    and ``temperature_c`` are temperatures of the material, NaN if missing.
     """
 
     source: str
@@ -99,7 +99,6 @@ class Layout:
         )
 
     def since_zero_mm(self) -> Vector:
-        """Return the counted distance in mm since the zero of the count, shape (m,)."""
         first = np.unique(self.zero_index, return_index=True)[1]
         counted: Vector = (
             self.reading_mm
@@ -221,11 +220,9 @@ def infer_volume(
 def _edges_mm(
     readings: Readings, kinds: Sequence[Sequence[Setup]], axis: int
 ) -> tuple[float, float]:
-    """Return the low and the high edge of the box along an axis, from the first of the ``kinds`` of
-    setups that travels this axis.
-
-    If no setup travels the axis, the edges are its lowest and highest position.
-    """
+    """Return the low and the high edge of the box along an axis, from the first of the ``kinds``
+    of setups that travels this axis. Without such a setup the edges are the lowest and highest
+    position of the axis."""
     travelling = ([setup for setup in setups if setup.signs[axis]] for setups in kinds)
     signs = {setup.name: setup for setup in next(filter(None, travelling), [])}
     position, steps = [np.zeros(0)], [np.zeros(0, dtype=np.int64)]
@@ -252,8 +249,8 @@ def _edges_mm(
 def _even_steps(
     readings: Readings, runs: Sequence[Setup], low: Vector, high: Vector, most: int
 ) -> int:
-    """Return the largest number of equal increments for which every node is near a target of
-    each run."""
+    """Return the largest number of equal increments for which every node has a near target
+    (`BESIDE_NODE`) in each run."""
     shares = []
     for setup in runs:
         axis = int(np.argmax(np.abs(setup.signs)))
@@ -284,7 +281,7 @@ def _check_box(
         np.maximum(np.abs(points.min(axis=0) - low), np.abs(points.max(axis=0) - high))
         * moves
     )
-    # both the stop and the edge have a tolerance
+    # the stop and the edge of the box each have a tolerance
     if np.any(off > 2.0 * position_tolerance_mm((high - low) / increments)):
         axis = int(np.argmax(off))
         raise DataError(
@@ -381,7 +378,7 @@ def targets_tolerance_mm(
     volume: Volume,
 ) -> Vector:
     """Return the largest allowed distance between a stop and its target in each axis, shape
-    (3,). The distance is smaller for a linear run with targets closer than an increment."""
+    (3,), with a smaller value for an axis with a fine linear run."""
     step, runs = (
         volume.step_mm.copy(),
         {setup.name: setup for setup in setups if setup.kind == "linear"},
@@ -398,8 +395,6 @@ def targets_tolerance_mm(
 def _zeros(
     zero: NDArray[np.int64], keys: Sequence[PassKey], pass_index: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return for every row the number of its unbroken count, the number of its offset, and the
-    row of the zero of its count."""
     stretches: dict[tuple[str, int, int], int] = {}
     offsets: dict[tuple[int, int], int] = {}
     begins = np.flatnonzero(
@@ -435,10 +430,11 @@ def _approach(
     position_mm: Vector,
     turned: NDArray[np.bool_],
 ) -> Vector:
-    """Return the sign of every axis' last move before each stop, shape (m, 3).
+    """Return the sign of every axis' last move before each stop, shape (m, 3): the sign of its
+    travel in the pass.
 
-    In general this is the sign of the axis' travel in the pass. If the machine reversed at the
-    first stop, each axis has the sign of the previous pass until its next move.
+    If the machine reversed at the first stop, each axis has the sign of the previous pass until its
+    next move.
     """
     approach = travelled.copy()
     for first in np.flatnonzero(turned).tolist():
@@ -452,7 +448,6 @@ def _approach(
 
 
 def _foot(beam_mm: Vector, direction: Vector, position_mm: Vector) -> Vector:
-    """Return the point of the beam nearest to each position, shape (m, 3)."""
     along: Vector = np.sum((position_mm - beam_mm) * direction, axis=1, keepdims=True)
     return beam_mm + direction * along
 

@@ -22,7 +22,7 @@ CHECKED = 0.01
 
 def variance_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:
     """Return the ratio of the noise of some rows to the noise assumed in their weights (variance
-    components). The result is None if these rows have too few degrees of freedom."""
+    components), or None if these rows have too few degrees of freedom."""
     used = rows[fit.weight[rows] > 0]
     freedom = float(np.sum(fit.redundancy_of(used)))
     if freedom < LEAST_FREEDOM:

@@ -21,9 +21,9 @@ value, larger than rounding."""
 DRIFT_UM = 1.0
 """Prior standard uncertainty of the drift during an outward pass and its return pass."""
 REVERSAL_CHANGE_UM = 2.0
-"""Prior standard uncertainty of the change of a reversal along its axis. In an outward pass and
-its return pass, drift and a growing reversal have the same effect; if one had a much smaller
-uncertainty, the other would contain the whole effect."""
+"""Prior standard uncertainty of the change of a reversal along its axis. In an out-and-back
+pair, drift and a growing reversal have the same effect; if one of the two had a much smaller
+prior, the other would absorb the whole effect."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,9 +71,9 @@ def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> 
     their axes, the drifts, and the positioning deviations of the moves (with 1 um;
     `solver.adjustment.scatter` estimates their size).
 
-    An adjusted angular function may differ from the known function by its stated uncertainty.
-    Without a stated uncertainty it is constant. ``free_angles`` omits the rows of angular
-    functions, so that the caller can test whether the readings determine them.
+    An adjusted angular function may differ from the known function by the stated uncertainty of the
+    known function. ``free_angles`` omits the rows of angular functions, so that the caller can test
+    whether the readings determine them.
     """
     columns = design.columns
     pieces: list[tuple[NDArray[np.int64], Vector, float | Vector]] = []
@@ -120,12 +120,9 @@ def _widened(matrix: NDArray[Any], width: int) -> NDArray[Any]:
 
 
 def origin_pattern(design: Design, angles: Angles, count: int) -> Vector:
-    """Return the effect of the error of each known angular function's first value on the ``count``
-    rows of `make_prior`, shape (count, k).
-
-    A head measures angles relative to its first position, so all values contain the error of the
-    first value.
-    """
+    """Return the effect of the error of each known angular function's first value on the
+    ``count`` rows of `make_prior`, shape (count, k). A head measures angles relative to its
+    first position, so all values have the error of the first value."""
     names = []
     if 1 in design.columns.parts:
         given = [name for name in ROTATIONS if name in angles]
@@ -156,8 +153,8 @@ def _reversal_changes(
 ) -> tuple[NDArray[np.int64], Vector]:
     """Return the rows that set the change of a reversal from node to node to zero.
 
-    Backlash hardly depends on position. A reversal that grows along all axes has the same effect as
-    drift, and drift is more likely.
+    Backlash hardly depends on position. Drift has the same effect as a reversal that grows along
+    all axes, and is more likely.
     """
     at = columns.of(2, axis, component)
     before = np.concatenate([at[:1], at[:-1]])

@@ -1,9 +1,9 @@
 """The results of a survey as linear combinations of the unknowns.
 
 A function is reported at nodes 1 .. n without its end-point line; node n is zero and omitted.
-Squareness and scale contain the slopes. They do not depend on a rigid rotation, which adds
-antisymmetric slopes (contract 1): ``C0Y = -(EXY' + EYX')``, ``B0Z = EXZ' + EZX'``, ``A0Z = -(EYZ' +
-EZY')``.
+Squareness and scale are computed from the slopes. A rigid rotation of the machine adds
+antisymmetric slopes, so these sums do not change (contract 1): ``C0Y = -(EXY' + EYX')``, ``B0Z =
+EXZ' + EZX'``, ``A0Z = -(EYZ' + EZY')``.
 """
 
 from dataclasses import dataclass
@@ -37,7 +37,6 @@ class Quantities:
     combination: Rows
 
     def of(self, name: str) -> NDArray[np.int64]:
-        """Return the rows of a quantity."""
         return np.flatnonzero(np.array(self.names) == name)
 
     @property
@@ -125,7 +124,7 @@ def lattice_field_um(found: Quantities, volume: Volume, chain: str) -> Vector:
     ]
     return np.concatenate(
         [np.zeros((len(points), 3, 0)), *effects], axis=2
-    )  # with one increment no displacement has a value
+    )  # with one increment the displacements have no values
 
 
 def _effects_um(

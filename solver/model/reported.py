@@ -21,22 +21,19 @@ REVERSAL_PART = 2
 
 
 def sloped(name: str) -> str:
-    """Return the name of a positioning function with its slope."""
     return f"sloped {name}"
 
 
 def shape(name: str) -> str:
-    """Return the name of a rotation without its end-point line."""
     return f"shape {name}"
 
 
 def reversal(name: str) -> str:
-    """Return the name of the reversal of a function."""
     return f"reversal {name}"
 
 
 def backlash(name: str) -> str:
-    """Return the name of the reversal of a function, including its value at the low end."""
+    """Return the name of a function's reversal that includes its value at the low end."""
     return f"backlash {name}"
 
 
@@ -85,8 +82,6 @@ def _wide(columns: NDArray[Any]) -> NDArray[Any]:
 
 
 def _further(design: Design) -> list[tuple[str, int, int, float]]:
-    """Return, for each additional function, its name, its part (0 displacement, 1 rotation, 2
-    reversal), its number, and 1 if the end-point line is removed, else 0."""
     parts = design.columns.parts
     found = [(sloped(name), 0, DISPLACEMENTS.index(name), 0.0) for name in POSITIONING]
     found += [
@@ -103,12 +98,12 @@ def _further(design: Design) -> list[tuple[str, int, int, float]]:
 def identified(
     found: Quantities, inverse: Inverse, usual: Mapping[str, float]
 ) -> dict[str, bool]:
-    """Return for every quantity whether the readings determine all its values with an uncertainty
-    below the ``usual`` size of the machine's class.
+    """Return for every quantity whether it is identified: the readings determine all its values
+    with an uncertainty below its ``usual`` size.
 
-    ``usual`` contains usual sizes by name, in the units of the quantities. A quantity without a
-    usual size needs no such uncertainty. A positioning function with its slope is identified if its
-    shape and its scale are identified.
+    ``usual`` contains the usual sizes of the machine's class by name, in the units of the
+    quantities. A positioning function with its slope is identified if its shape and its scale are
+    identified.
     """
     variances = variance(found, inverse)
     names, number = np.unique(np.array(found.names), return_inverse=True)
@@ -124,8 +119,8 @@ def identified(
 
 
 def variance(found: Quantities, inverse: Inverse) -> Vector:
-    """Return the variance of every quantity, shape (q,). The variance of a quantity that is not
-    identified has no meaning.
+    """Return the variance of every quantity, shape (q,); it has no meaning for a quantity that is
+    not identified.
 
     All but the first unknown of each combination are end nodes, so few columns of the covariance
     are needed.

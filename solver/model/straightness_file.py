@@ -1,9 +1,9 @@
-"""The straightness file: straightness from a 4-DOF head or a straightedge, for a survey whose
-diagonals were recorded with other software.
+"""The straightness file: straightness measured by a 4-DOF head or a straightedge, for a survey
+whose diagonals were recorded with other software.
 
-The columns are ``position_mm``, optionally ``approach``, and for each function two, for example
-``EYX_um`` and ``u_EYX_um``. An empty field is a missing value. ``approach`` is 1 for travel in +,
--1 for travel in -, and 0 or empty for the mean of both.
+The columns are ``position_mm``, optionally ``approach``, and two columns for each function, for
+example ``EYX_um`` and ``u_EYX_um``. An empty field is a missing value. ``approach`` is 1 for travel
+in +, -1 for travel in -, and 0 or empty for the mean of both.
 """
 
 import math

@@ -22,12 +22,12 @@ um."""
 
 
 def excess_c(layout: Layout, assumed: Assumptions) -> Vector:
-    """Return the temperature of the machine in each reading's pass minus the mean of the survey, in
-    C, shape (m,).
+    """Return the machine's temperature in each reading's pass minus the mean of the survey in C,
+    shape (m,).
 
-    The mean of each pass is used, because the resolution of a thermometer would add noise to single
+    The mean of each pass is used, because the resolution of a thermometer would be noise of single
     stops. The result is zero if a reading has no temperature, if all temperatures are equal, or if
-    the readings were already reduced to 20 C.
+    the readings are reduced to 20 C.
     """
     known = layout.temperature_c
     if (

@@ -17,13 +17,15 @@ PITCH_AND_YAW = tuple(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Circumstances:
-    """The conditions of a survey that are not in its plan. ``head`` is True if an instrument for
-    angles is available; ``head_turns`` are the functions that it measures (pitch and yaw for a
-    4-DOF head), ``head_u_urad`` is their uncertainty. ``shift_mm`` is the largest shift of a
-    beam from its usual line. ``aim`` is the kind of tables of the control. ``zone`` is the part
-    of the volume that must be accurate. ``in_step`` are numbers of increments whose targets
-    always have the same phase of a ball screw's wave. ``dwells_s`` are possible dwells in
-    addition to the planned dwell."""
+    """The conditions of a survey that are not in its plan.
+
+    ``head`` is True if an instrument for angles is available; ``head_turns`` are the functions that
+    this instrument measures (pitch and yaw for a 4-DOF head), and ``head_u_urad`` is their
+    uncertainty. ``shift_mm`` is the largest shift of a beam from its usual line. ``aim`` is the
+    kind of compensation tables of the control. ``zone`` is the part of the volume that must be
+    accurate. ``in_step`` are numbers of increments with which all targets have the same phase of a
+    ball screw's wave. ``dwells_s`` are possible dwells in addition to the planned dwell.
+    """
 
     chain: str = "FXYZ"
     assumed: Assumptions = field(default_factory=Assumptions)

@@ -42,9 +42,9 @@ from stepdiag.solver.planning.information import (
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 
 BENT = 6.7
-"""Difference between the smooth curve through n + 1 targets and the straight lines of a table
-(rms over the travel), divided by shape / n^2. The factor was computed on random functions of
-five half waves whose size decreases with their number."""
+"""Factor of the usual difference (rms over the travel) between the smooth curve through n + 1
+targets and the straight lines of a table, which is BENT shape / n^2. The factor was computed on
+random functions of five half waves whose size decreases with their number."""
 _OF_FEW = {
     1: (0.93, 0.0),
     2: (0.66, 0.20),
@@ -53,8 +53,8 @@ _OF_FEW = {
     5: (0.23, 0.16),
     6: (0.09, 0.15),
 }
-"""Results of `_between_targets` by the number of increments; the power laws are up to twice too
-large for few increments."""
+"""Results of `_between_targets` for few increments, for which the power laws are up to twice too
+large."""
 ALIKE = 0.2
 """Standard deviation of the logarithm of the error between targets, among machines of one class."""
 _NEXT_TO_NONE = 1e-3
@@ -65,7 +65,7 @@ class Foresight:
     """The forecast of the results of a survey, from the information of its setups
     (`solver.planning.information`). Each figure is computed at its first use.
 
-    ``increments`` is the number of increments of the survey; the layout may have fewer.
+    ``increments`` is the number of increments of the survey; the layout may have fewer increments.
     """
 
     layout: Layout
@@ -105,8 +105,8 @@ class Foresight:
     @cached_property
     def volumetric_um(self) -> float:
         """Return the standard uncertainty of the error vector over the volume, without the error
-        of the straight lines of tables. Quantities that are not identified may be larger than
-        usual by a common factor."""
+        of the straight lines of tables. The sizes of quantities that are not identified have an
+        unknown common factor."""
         larger = np.sqrt(max(float(np.mean(class_factors() ** 2)) - 1.0, 0.0))
         return float(
             np.linalg.norm(
@@ -122,14 +122,14 @@ class Foresight:
 
     @cached_property
     def usual_u(self) -> Vector:
-        """Return the usual size for each of the machine's usual rows, infinite for an identified
-        quantity."""
+        """Return the usual size in each row of `solver.uncertainty.machine.usual_rows`, infinite
+        for an identified quantity."""
         return np.where(self.missed[0], self.of.usual_u, np.inf)
 
     @cached_property
     def missed(self) -> tuple[NDArray[np.bool_], float]:
-        """Return a mask of the usual rows of quantities that are not identified, and the rms of
-        their errors over the volume."""
+        """Return a mask of the rows of quantities that are not identified, and the rms of their
+        errors over the volume."""
         missing = np.array(
             [not self.known.get(name, True) for name in self.of.usual_names], dtype=np.bool_
         )
@@ -145,7 +145,7 @@ class Foresight:
 
     @property
     def hidden_um(self) -> float:
-        """Return the usual size of waves that are too short for the targets in um."""
+        """Return the usual size of waves shorter than two increments in um."""
         return float(np.sqrt(3.0 * BETWEEN_SHARE)) * self.assumed.between_um
 
     @cached_property
@@ -204,8 +204,8 @@ class Foresight:
         return found.diagonals if found else None
 
     def hides(self) -> Words:
-        """Return the words for the size of an undetected slip and its effect on the volume;
-        empty without a diagonal."""
+        """Return the words for the size of an undetected slip and its effect on the volume, or
+        an empty text without a diagonal."""
         if self.unseen is None:
             return ""
         half_um, volume_um = self.unseen.half_um, self.unseen.volume_um
@@ -225,8 +225,8 @@ def bent_um(assumed: Assumptions, increments: int) -> float:
 
 
 def _between_targets(increments: int) -> tuple[float, float]:
-    """Return the deviation of a function from the smooth curve through its targets, and of this
-    curve from the straight lines between targets, both divided by the shape of the function."""
+    """Return two deviations of a function, divided by its shape: from the function to the smooth
+    curve through its targets, and from this curve to the straight lines between targets."""
     return _OF_FEW.get(increments, (CURVED / increments**3, BENT / increments**2))
 
 
@@ -262,8 +262,8 @@ def _left_um(
 
     The arguments in um are rms over the volume: identified errors, errors that are not identified,
     usual effect of the angles, usual waves between targets, and the error of a table between
-    targets (``bent_um``). ``freedom`` are the degrees of freedom of their sum. The error between
-    targets has the standard deviation `ALIKE` among machines of a class.
+    targets (``bent_um``). ``freedom`` are the degrees of freedom of the sum of these errors.
+    `ALIKE` is the scatter of ``bent_um`` among machines of a class.
     """
     factor = likely_factors()
     chance = normal_points(len(factor)) / np.sqrt(2.0 * freedom)
@@ -272,8 +272,8 @@ def _left_um(
         hidden_um * np.roll(hidden_factors(), len(factor) // 2)[:, None],
     )
     missed = missed_um * class_factors()[:, None]
-    # the order of these sizes has no correlation with the sizes of the angles and of the other
-    # parts
+    # the order of these factors has no correlation with the order of the sizes of the angles and of
+    # all other parts
     machines = np.exp(ALIKE * normal_points(len(factor)))[
         np.arange(len(factor)) * 4 % len(factor), None
     ]

@@ -2,7 +2,8 @@
 them.
 
 Identifiability depends on setups and beam lines, not on the number of increments (theory 5.1: no
-difference for n = 1 .. 20). It is therefore computed with few increments, in milliseconds.
+difference for n = 1 .. 20). A few increments are therefore enough, and the computation takes
+milliseconds.
 """
 
 from collections.abc import Sequence
@@ -41,8 +42,8 @@ def cheapest_runs(
     """Return the additional runs that identify all quantities of ``missing`` (names of `reported`),
     or None if no usual run helps.
 
-    Runs are chosen one by one: the run that identifies most quantities per minute, or if no run
-    identifies any, the run that determines most combinations of the unknowns.
+    Runs are chosen one by one: the run that identifies most quantities per minute. If no run
+    identifies any, it is the run that determines most combinations of the unknowns.
     """
     survey = _coarse(layout)
     design = build_design(
@@ -65,7 +66,7 @@ def cheapest_runs(
 
 def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[str, ...]:
     """Return the angular functions whose shape the readings determine without an assumption
-    about their size (theory 5.2). A survey with one beam line for each setup determines none."""
+    about their size (theory 5.2). Several beam lines for one setup are necessary."""
     if not names or all(setup.shift == 0 for setup in layout.setups):
         return ()
     survey = _coarse(layout)
@@ -82,7 +83,7 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
 
 class Seen(NamedTuple):
     """The quantities that a survey determines without assumptions about angles, and the number
-    of combinations of all unknowns that it does not determine."""
+    of combinations of the unknowns that the survey does not determine."""
 
     known: dict[str, bool]
     hidden: int
@@ -153,8 +154,6 @@ def _choose(
 
 
 def _hidden(missing: Quantities, null: Vector) -> int:
-    """Return the number of independent combinations of the missing quantities that the readings
-    do not determine."""
     if not null.shape[1]:
         return 0
     largest = max(float(np.max(np.abs(missing.combination.value))), 1.0)
@@ -163,9 +162,6 @@ def _hidden(missing: Quantities, null: Vector) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
-    """A possible additional run: its rows for the unknowns of the machine, and its rows for its
-    own unknowns (``nuisance``)."""
-
     minutes: float
     machine: Vector
     nuisance: Vector
@@ -194,8 +190,6 @@ class _Candidate:
 
 
 def _usual_runs(model: Model) -> Sequence[Run]:
-    """Return the runs that can be added to a survey, with a return pass if reversal is an
-    unknown."""
     return [
         Run(setup=name, return_pass=model.reversal)
         for name in (*LINEAR_RUNS, *BODY_DIAGONALS, *FACE_DIAGONALS)

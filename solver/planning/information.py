@@ -1,25 +1,25 @@
 """The information of each setup about the machine, as a matrix. The information of a plan is the
-sum over its setups.
+sum of the matrices of its setups.
 
 A reading is ``y = A m + N f + P c + e`` (`solver.model.design`, `solver.model.effects`). ``m`` are
 the unknowns that all setups share: displacements at the nodes, angular functions, backlash at first
 stops, wavelength, material. ``f`` are unknowns of one setup with any size: zeros of the counts,
 mirror tilt, drift. ``c`` are unknowns of one setup with a usual size: drift, wander, scale of the
-setup, misses of the moves, waves between the nodes. ``e`` is noise with the variance ``1 / w``.
-With ``W = [N P]`` and the precision D of f and c (zero for f, 1 / size^2 for c), the information of
-a setup about m is the Schur complement (Searle, Casella, McCulloch 1992, 7.4)
+setup, misses of the moves, waves between the nodes. ``e`` is noise with the variance ``1 / w``. D
+is the precision of f (zero) and c (1 / size^2), and ``W = [N P]``. The information of a setup about
+m is the Schur complement (Searle, Casella, McCulloch 1992, 7.4)
 
     J = A' w A - A' w W (W' w W + D)^-1 W' w A
 
-No two setups share f, c or e, so J is computed once for each setup and summed. With the precision Q
-of the usual sizes of the machine's class, the covariance of m after the survey is ``C = (J_1 + J_2
+No two setups share f, c or e, so J is computed once for each setup and summed. Q is the precision
+of the usual sizes of the machine's class. The covariance of m after the survey is ``C = (J_1 + J_2
 + .. + Q)^-1``: one inversion for about 190 unknowns takes a millisecond. Q limits every function to
 its usual size, so an additional setup never increases C.
 
 ``K m`` are the values of the machine's functions. F is the effect of one unit of each value on the
 error at points of the volume, without rigid motion. The mean square of this error is ``tr(C H) +
-floor`` with ``H = K' F F' K``. A control with nine tables corrects only functions of one axis: with
-the projection T of an error on the errors that such tables can correct, ``H = K' F T F' K``, and
+floor`` with ``H = K' F F' K``. A control with nine tables corrects only functions of one axis. T is
+the projection of an error on the errors that such tables can correct; then ``H = K' F T F' K``, and
 the floor is the usual effect of angular functions outside this projection. A control with a lattice
 table has no floor.
 """
@@ -63,12 +63,12 @@ from stepdiag.solver.uncertainty.machine import (
 Aim = Literal["lattice", "tables"]
 Zone = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 COMMON = {FIRST_STOPS: 3, "air": 1, "material temperature": 6, GROWTH: 0}
-"""The random effects that all setups share, except angles, and their number of columns if the
-layout does not contain them."""
+"""The random effects that all setups share, except angles, and their number of columns in a
+layout without them."""
 _FREE, _ANYTHING_UM, _ANY_TURN_UM = 1e-6, 1e4, 1e3
-"""Precision of unknowns of any size, which makes a matrix without information regular; prior
-size in um of displacements that no reading determines; prior size of rotations of the whole
-machine. Larger sizes would cause rounding errors above 1e-8."""
+"""Precision of unknowns of any size; prior size in um of displacements that no reading
+determines; prior size of rotations of the whole machine. The precision makes a matrix without
+information regular. Larger sizes would cause rounding errors above 1e-8."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,7 +113,6 @@ def information_by_setup(
 
 
 def _common(layout: Layout, effects: tuple[Effect, ...]) -> Vector:
-    """Return the random effects that all setups share, shape (m, columns), angles first."""
     patterns = {effect.name: effect.pattern_um for effect in effects}
     turning = [patterns[name] for name in TURNING if name in patterns]
     return np.hstack(
@@ -182,11 +181,11 @@ class Machinery:
     turning: NDArray[np.bool_]
 
     def precision(self, u: Vector | None = None, angles: float = 1.0) -> Vector:
-        """Return the prior precision Q, shape (q, q), with the usual sizes of the angles
+        """Return the prior precision Q, shape (q, q); the usual sizes of the angles are
         multiplied by ``angles``."""
         scaled = self.usual / (self.usual_u if u is None else u)[:, None]
-        # no reading shows a rotation of the whole machine, and no result contains it: its size is
-        # free
+        # the size of a rotation of the whole machine is free, because no reading and no result
+        # contains this rotation
         of_causes = (
             _ANY_TURN_UM**-2 * (self.causes == 0.0)
             + self.causes / np.where(self.turning, angles, 1.0) ** 2
@@ -196,8 +195,7 @@ class Machinery:
 
     @property
     def seen(self) -> Vector:
-        """Return H, shape (q, q), scaled so that ``tr(C H)`` is the mean square error over the
-        volume."""
+        """Return H, shape (q, q), so that ``tr(C H)`` is the mean square error over the volume."""
         across = self.values.T @ self.fields
         matrix: Vector = across @ across.T * 3.0 / self.fields.shape[1]
         return matrix
@@ -218,7 +216,7 @@ def machinery(
     found: SetupInformation, aim: Aim = "lattice", zone: Zone | None = None
 ) -> Machinery:
     """Return the relation between the unknowns and the machine; ``zone`` is the part of the
-    volume that must be accurate, None for all of it."""
+    volume that must be accurate (None: the whole volume)."""
     design, shapes, assumed = found.design, found.shapes, found.assumed
     turning = len(shapes.names) * (shapes.waves + 1)
     displacements = design.columns.machine
@@ -293,8 +291,7 @@ def determined(
     """Return for each quantity whether a survey with known angles would determine it with an
     uncertainty below its ``usual`` size.
 
-    Usual sizes are in um, urad and um/m. Displacements have a prior of `_ANYTHING_UM`, so this is
-    the uncertainty of a part that no reading determines.
+    Usual sizes are in um, urad and um/m. `_ANYTHING_UM` is the prior uncertainty of displacements.
     """
     names, displacements = reported(found.design), found.design.columns.machine
     own = (

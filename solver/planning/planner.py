@@ -1,9 +1,9 @@
 """The forecast of a survey and of its minutes, and other surveys with a smaller remaining error.
 
-A forecast needs no reading: the positions of the stops determine the model of the adjustment. The
-forecast uncertainty over the volume is that of the result. Quantities that are not identified have
-the usual sizes of the machine's class (`Assumptions`), so that no additional run makes a forecast
-worse.
+A forecast needs no reading, because the positions of the stops determine the model of the
+adjustment. The forecast and the result have the same uncertainty over the volume. Quantities that
+are not identified have the usual sizes of the machine's class (`Assumptions`), so that no
+additional run makes a forecast worse.
 """
 
 from collections.abc import Sequence
@@ -23,17 +23,17 @@ from stepdiag.solver.planning.identifiability import Seen, identified_with_angle
 from stepdiag.solver.planning.search import Search
 
 WORTH = 0.95
-"""A longer survey is useful if its remaining error is below this share of the error of the
-shorter survey."""
+"""Ratio of the remaining errors of a longer and a shorter survey below which the longer survey
+is useful."""
 MOST_NAMED = 7
 SHORTEST_MIN, LONGEST_MIN, LONGER = 90.0, 300.0, 1.3
 """Shortest and longest time limit in minutes of the search, and the ratio of successive limits."""
 MAX_INCREMENTS = 20
-"""Largest number of increments in a forecast. With more increments angular functions have no
-additional waves (`effects.MOST_WAVES`), and the uncertainty at a node is nearly constant."""
+"""Largest number of increments in a forecast. More increments add no waves of angular functions
+(`effects.MOST_WAVES`) and hardly change the uncertainty at a node."""
 HALVINGS = 2
-"""Number of bisections of the time between a survey that reaches the target uncertainty and a
-shorter survey that does not."""
+"""Number of bisections of the time between the shortest survey known to reach the target
+uncertainty and a survey that does not."""
 FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
 
 
@@ -57,7 +57,6 @@ class Forecast:
 
     @property
     def minutes(self) -> float:
-        """Return the duration of the survey in minutes."""
         return plan_minutes(self.plan)
 
     @cached_property
@@ -77,12 +76,10 @@ class Forecast:
 
     @property
     def hidden(self) -> int:
-        """Return the number of combinations of the unknowns that no reading shows."""
         return self._free.hidden
 
     @property
     def resolved(self) -> tuple[str, ...]:
-        """Return the functions that the laser's readings determine."""
         return tuple(name for name in FUNCTIONS if self._free.known[name])
 
     @property
@@ -91,35 +88,31 @@ class Forecast:
 
     @property
     def u(self) -> dict[str, float | None]:
-        """Return the combined standard uncertainty of each quantity."""
         return {
             name: self.ahead.u.get(name) for name in (*FUNCTIONS, *SQUARENESS, *AXIS_LETTERS)
         }
 
     @property
     def volumetric_um(self) -> float:
-        """Return the uncertainty of the error vector over the volume (rms)."""
         return self.ahead.volumetric_um
 
     @property
     def left_um(self) -> Interval:
-        """Return the remaining error after an ideal compensation."""
         return self.ahead.left_um
 
     @property
     def resolves_all(self) -> bool:
-        """Return whether the laser's readings determine all 18 functions."""
         return set(self.resolved) == set(FUNCTIONS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """The forecast of the planned survey, and at most `MOST_NAMED` other surveys, each with less
-    than `WORTH` of the remaining error of the next shorter one, the shortest first.
+    """The forecast of the planned survey, and at most `MOST_NAMED` other useful surveys (`WORTH`),
+    the shortest first.
 
-    ``best`` is the survey for the requested time or target uncertainty, None if there is none.
-    ``with_head`` is the requested or planned survey with a 4-DOF run along each axis, None if this
-    has no gain or is already planned.
+    ``best`` is the survey for the requested time or target uncertainty, or None. ``with_head`` is
+    the requested or planned survey with a 4-DOF run along each axis, or None if the head has no
+    gain or is already planned.
     """
 
     forecast: Forecast
@@ -129,8 +122,8 @@ class Advice:
 
     @property
     def next(self) -> Forecast | None:
-        """Return the shortest survey of ``front`` with less than `WORTH` of the remaining error
-        of the planned survey, or None."""
+        """Return the shortest survey of ``front`` that is useful compared with the planned
+        survey (`WORTH`), or None."""
         better = (
             one
             for one in self.front
@@ -179,8 +172,6 @@ def _found(
     limits_min: Sequence[float],
     target_um: float | None = None,
 ) -> list[Forecast]:
-    """Return the best surveys within some time limits. The search ends at the target, or after
-    two surveys without a useful gain; without a target the last limit is always included."""
     found: list[Forecast] = []
     for limit in limits_min:
         if target_um is not None and found and found[-1].left_um.value_um <= target_um:
@@ -206,7 +197,6 @@ def _worth(found: list[Forecast]) -> tuple[Forecast, ...]:
 def _down_to(
     search: Search, about: Circumstances, found: list[Forecast], target_um: float
 ) -> Forecast | None:
-    """Return the shortest survey whose remaining error is within the target, or None."""
     reaching = [one for one in found if one.left_um.value_um <= target_um]
     if not reaching:
         return None

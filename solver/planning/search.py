@@ -1,17 +1,18 @@
 """Search of the best survey within a time limit, by exchange: each step adds a beam line, removes a
 line, or replaces a line by another line (Fedorov 1972, Cook and Nachtsheim 1980).
 
-The information of lines is summed (`solver.planning.information`), so the search chooses lines
-only. C is the covariance of the unknowns without a line; ``B B'`` is the information of this line.
-With H of that module, the line reduces the mean square error over the volume, ``tr(C H)``, by
+The information of a survey is the sum over its lines (`solver.planning.information`), so the search
+chooses lines only. C is the covariance of the unknowns without a line; ``B B'`` is the information
+of this line. With H of that module, the line reduces the mean square error over the volume, ``tr(C
+H)``, by
 
     tr((1 + B' C B)^-1 B' C H C B)                 (1 - B' C B for its removal)
 
-which is computed for all possible lines at once. The user states the minutes: the first line of a
-setup costs the set-up time, each further line of the same travel the time of a shift. For the
-chosen lines, the search then chooses the number of passes, the orders of axes, the number of
-increments and the dwell, and continues the exchange. Lines are compared with few increments
-(`COARSE`), because their ranking does not depend on the number of increments.
+This reduction is computed for all possible lines at once. The user states the minutes: the first
+line of a setup costs the set-up time, each further line of the same travel costs the time of a
+shift. For the chosen lines, the search then chooses the number of passes, the orders of axes, the
+number of increments and the dwell, and continues the exchange. Lines are compared with few
+increments (`COARSE`), because the ranking of lines does not depend on the number of increments.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -43,7 +44,7 @@ INCREMENTS = range(8, 21)
 and more increments have no gain."""
 ORDERS = ("xyz", "yzx", "zxy")
 """Orders of axes that setups and repetitions use in turn: a change of order costs no time and
-shows more of the angles (theory 5.2)."""
+gives more information about angles (theory 5.2)."""
 LEAST_MISSED = 6
 """Number of the least useful lines whose removal is computed in each exchange."""
 LEAST_GAIN = 3e-3
@@ -55,8 +56,8 @@ KEPT = 2
 """Number of choices of lines whose covariance is kept in memory for the next exchange."""
 _NOTHING = 1e-10
 _TOLD = 1e-3
-"""Precision (1 / um^2) below which the information of a line is neglected: an uncertainty of 30
-um."""
+"""Precision (1 / um^2) below which the information of a line is neglected; it is that of an
+uncertainty of 30 um."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,14 +157,14 @@ def _triple(values: Vector) -> tuple[float, float, float]:
 
 
 def survey_of(survey: Plan, lines: Sequence[Run], ways: Ways, increments: int) -> Plan:
-    """Return the plan of a survey along some lines, sorted by travel; the name of a setup on a
-    shifted line has a number."""
+    """Return the plan of a survey along some lines, sorted by travel. The names of setups on
+    shifted lines have numbers."""
     runs: list[Run] = []
     number: dict[str, int] = {}
     usual = {run.travel.base for run in lines if not any(run.beam_offset_mm)}
 
     def place(run: Run) -> tuple[bool, int, tuple[float, float, float]]:
-        # a survey file contains the setups on their usual lines first, then the setups on shifted
+        # a survey file lists the setups on their usual lines before the setups on shifted
         # lines
         base = run.travel.base
         return base not in usual, DRIVEN_SETUPS.index(base), run.beam_offset_mm
@@ -202,8 +203,8 @@ class _Through:
     across: Vector
 
     def without(self, line: int, factors: Vector) -> "_Through":
-        """Return the products for the choice without one of its lines; ``across`` is not
-        updated."""
+        """Return the products after one of the lines is removed from the choice; ``across`` is
+        not updated."""
         count, rank, size = self.across.shape
         lost = np.linalg.inv(np.eye(rank) - self.inner[line])
         cross = (self.across.reshape(-1, size) @ factors[line].T).reshape(count, rank, rank)
@@ -229,8 +230,8 @@ class _Through:
 class Exchange:
     """The search among possible lines with one kind of passes, by the information of each line.
 
-    ``done`` are runs that were already driven; the last of them is still set up. Lines are compared
-    with ``weighed_on`` increments.
+    ``done`` are runs that were already driven; the last of these is still set up. Lines are
+    compared with ``weighed_on`` increments.
     """
 
     def __init__(
@@ -277,7 +278,6 @@ class Exchange:
         self._through = lru_cache(KEPT)(self._seen_through)
 
     def _laid_out(self, places: Sequence[int]) -> Foresight:
-        """Compute the information of some lines, and return the forecast for them."""
         layout = lay_out(
             perfect_readings(
                 Plan(
@@ -302,7 +302,6 @@ class Exchange:
         return ahead
 
     def _each(self, places: Iterable[int]) -> Vector:
-        """Return the information of some lines, shape (places, q, q)."""
         wanted = list(places)
         missing = [place for place in wanted if place not in self._information]
         for first in range(0, len(missing), TOGETHER):
@@ -325,7 +324,8 @@ class Exchange:
 
     def beside_um2(self, increments: int) -> float:
         """Return the part of the mean square error that no line reduces: the error of tables
-        between targets, waves too short for the targets, and the floor."""
+        between targets, waves shorter than two increments, and the floor of
+        `solver.planning.information`."""
         hidden = float(np.quantile(hidden_factors(), 0.5)) * self._ahead.hidden_um
         return (
             hidden**2
@@ -343,7 +343,6 @@ class Exchange:
 
     @cached_property
     def _shows(self) -> Vector:
-        """Return h, shape (q, k), with H = h h'."""
         value, vector = np.linalg.eigh(self._seen)
         kept = value > _NOTHING * value[-1]
         shown: Vector = vector[:, kept] * np.sqrt(value[kept])
@@ -363,7 +362,6 @@ class Exchange:
     def _fitting(
         self, chosen: Sequence[int], increments: int, limit_min: float
     ) -> NDArray[np.int64]:
-        """Return the lines that can be added to the chosen lines within a time limit."""
         some = list(chosen)
         setting = np.where(
             np.isin(self._base, self._base[some]),
@@ -380,8 +378,8 @@ class Exchange:
         return inverse(self._usual + np.sum(self._each(sorted(chosen)), axis=0))
 
     def square_um2(self, chosen: Sequence[int]) -> float:
-        """Return the mean square error over the volume after the chosen lines, without the part
-        that no line reduces."""
+        """Return the mean square error over the volume after the chosen lines, without
+        `beside_um2`."""
         some = frozenset(chosen)
         if some not in self._square_um2:
             self._square_um2[some] = float(np.sum(self._covariance(some) * self._seen))
@@ -389,8 +387,7 @@ class Exchange:
 
     def lowered_um2(self, chosen: Sequence[int]) -> tuple[float, float]:
         """Return the decrease of the mean square error by the chosen lines: mean and standard
-        deviation among machines. The error before is the sum of two independent parts, the error
-        after and the decrease."""
+        deviation among machines. The decrease and the error after it are independent."""
         with_them = self._covariance(frozenset(chosen)) @ self._seen
         added = self._covariance(frozenset()) @ self._seen - with_them
         variance = 2.0 * np.sum(added * added.T) + 4.0 * np.sum(with_them * added.T)
@@ -408,8 +405,8 @@ class Exchange:
         )
 
     def weighed(self, chosen: Sequence[int], without: Sequence[int] = ()) -> Vector:
-        """Return the mean square error after each possible line is added to the chosen lines,
-        but without the lines ``without``, shape (lines,)."""
+        """Return the mean square error after each possible line is added to the chosen lines
+        minus the lines ``without``, shape (lines,)."""
         left = frozenset(chosen).difference(without)
         if left not in self._added_um2:
             through = self._through(frozenset(chosen))
@@ -419,13 +416,11 @@ class Exchange:
         return self._added_um2[left]
 
     def _without_each(self, chosen: Sequence[int]) -> Vector:
-        """Return the mean square error after each of the chosen lines is removed, shape
-        (chosen,)."""
         return self._through(frozenset(chosen)).changed(-1.0)[list(chosen)]
 
     def improved(self, chosen: Sequence[int], increments: int, limit_min: float) -> list[int]:
-        """Return the chosen lines after repeated exchanges within a time limit, each with the
-        largest gain."""
+        """Return the chosen lines after repeated exchanges within a time limit. Each exchange is
+        the one with the largest gain."""
         now, beside = list(chosen), self.beside_um2(increments)
         square = self.square_um2(now)
         while True:
@@ -442,7 +437,7 @@ class Exchange:
                     continue
                 found = self.weighed(now, without)[fitting]
                 if found.min() < best[0]:
-                    # the simplest of equally good lines is the first
+                    # among equally good lines the simplest is chosen
                     first = int(
                         np.argmax(
                             (found <= found.min() + LEAST_GAIN * beside) & (found < best[0])
@@ -455,8 +450,6 @@ class Exchange:
 
     @cached_property
     def _starts(self) -> tuple[tuple[float, tuple[int, ...]], ...]:
-        """Return every choice of lines without a shift along body diagonals and first edges,
-        with its mean square error, the best first."""
         plain = [
             place
             for place, run in enumerate(self.lines)
@@ -469,8 +462,8 @@ class Exchange:
         return tuple(sorted((self.square_um2(choice), choice) for choice in choices))
 
     def start(self, increments: int, limit_min: float) -> tuple[int, ...]:
-        """Return the best choice of lines without a shift within a time limit; empty if there is
-        none."""
+        """Return the best choice of lines without a shift within a time limit, or an empty
+        choice."""
         return next(
             (
                 choice
@@ -482,9 +475,10 @@ class Exchange:
 
 
 def _increments(survey: Plan, about: Circumstances) -> list[int]:
-    """Return the possible numbers of increments: their steps are whole micrometres and do not
-    have the phase of a ball screw's wave. The second condition is omitted if the plan has its
-    own targets or if no number fulfils it. If no step is whole, return the number in the plan."""
+    """Return the possible numbers of increments: the steps are whole micrometres, and targets do
+    not all have the same phase of a ball screw's wave. The second condition is omitted if the
+    plan has its own targets or if no number fulfils it. If no number gives whole micrometres,
+    return the number in the plan."""
     size = np.array(survey.volume.size_mm)
     whole = [n for n in INCREMENTS if np.allclose(size / n, np.round(size / n, 3), atol=1e-9)]
     own = any(run.targets for run in survey.runs)
@@ -547,8 +541,6 @@ class Search:
     def _from(
         self, start: Sequence[int], ways: Ways, increments: int, limit_min: float
     ) -> Iterator[tuple[float, list[int], Ways, int]]:
-        """Yield mean square error, lines, kind of passes and increments of surveys: exchanges
-        choose the lines, then the best kind of passes is chosen, then exchanges follow."""
         chosen = self.driven(ways).improved(start, increments, limit_min)
         for _ in range(2):
             others = [
@@ -572,8 +564,8 @@ class Search:
 
 
 def _known_angles(ahead: Foresight, about: Circumstances, runs: Sequence[Run]) -> Vector:
-    """Return for each unknown the precision that runs of a head add to the usual precision: only
-    pitch and yaw gain."""
+    """Return for each unknown the precision that runs of a head add to the usual precision; only
+    pitch and yaw gain precision."""
     shapes, added = ahead.by_setup.shapes, np.zeros(len(ahead.of.causes))
     first = int(np.argmax(ahead.of.turning))
     known = about.head_ranges_urad(runs)

@@ -2,9 +2,9 @@
 
 The driven setups show the sizes of the angles and the scatter of machine and laser
 (`solver.adjustment`). With these sizes, driven and possible setups are compared as in a plan
-(`solver.planning.search`). The best additional lines are computed for several time limits; the
-lines with the largest gain per minute are next. The survey is complete if neither lines within
-`HORIZON_MIN` minutes nor the planned lines reduce the remaining error by `LEAST_UM` and
+(`solver.planning.search`). The search computes the best additional lines for several time limits;
+the lines with the largest gain per minute are driven next. The survey is complete if neither lines
+within `HORIZON_MIN` minutes nor the planned lines reduce the remaining error by `LEAST_UM` and
 `LEAST_SHARE`.
 """
 
@@ -26,12 +26,12 @@ from stepdiag.solver.planning.circumstances import Circumstances
 from stepdiag.solver.planning.search import INCREMENTS, Exchange, Ways, offered
 
 HORIZON_MIN = 60.0
-"""Time in minutes within which a gain is searched for; one alignment takes half of it."""
+"""Largest additional time in minutes that the search considers; one alignment takes half of it."""
 TIMES = (0.15, 0.3, 0.6, 1.0)
 """Time limits as shares of `HORIZON_MIN`."""
 SHOWN = 3.0
-"""The readings show the size of the angles if two thirds of the likely sizes are within this
-factor; without information the factor is 15."""
+"""Largest ratio of the limits of two thirds of the likely sizes at which the readings show the
+size of the angles; without information the ratio is 15."""
 LEAST_UM, LEAST_SHARE = 0.1, 0.05
 """Smallest useful gain, in um and as a share of the remaining error."""
 
@@ -39,12 +39,12 @@ LEAST_UM, LEAST_SHARE = 0.1, 0.05
 @dataclass(frozen=True, kw_only=True)
 class Sequel:
     """The next setups of a survey: ``runs`` are the setups with the largest gain per minute, in the
-    order of driving. ``end`` is True if their gain is too small.
+    order of driving. ``end`` is True if the gain of these setups is too small.
 
     ``now_um`` is the remaining error after compensation by the driven setups (rms over the volume),
-    ``then_um`` the error after the additional ``runs``. ``minutes`` is their time including set-up;
-    ``at_most_um`` is their largest possible gain (k = 2). ``angles_urad`` is the range of the
-    angles, None if the readings do not show it.
+    and ``then_um`` is the error after the additional ``runs``. ``minutes`` is the time of ``runs``
+    including set-up; ``at_most_um`` is the largest possible gain of ``runs`` (k = 2).
+    ``angles_urad`` is the range of the angles, None if the readings do not show it.
     """
 
     runs: tuple[Run, ...]
@@ -66,7 +66,7 @@ def sequel(
     todo = [run for run in survey.runs if run.setup not in done]
     awaited = {run.travel.base for run in todo}
     known = [_offered_line(run) for run in driven]
-    # a line shifted from a planned line is driven while the planned setup is on the machine
+    # a line shifted from a planned line is driven directly after the planned line
     further = [
         line
         for line in offered(survey, shown)
@@ -104,8 +104,8 @@ def _left_um(exchange: Exchange, chosen: Sequence[int], increments: int) -> floa
 
 def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequence[int]:
     """Return the lines with the largest gain per minute; the first ``planned`` lines are those
-    of the plan. If no lines have a useful gain, return the planned lines, or without planned
-    lines the best choice."""
+    of the plan. If no lines have a useful gain, return the planned lines, or the best choice if
+    no lines are planned."""
     todo = list(range(planned))
     now_um, rest_min = _left_um(exchange, (), increments), exchange.minutes(todo, increments)
     found: list[tuple[float, float, Sequence[int]]] = []
@@ -127,7 +127,6 @@ def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequenc
 
 
 def _offered_line(run: Run) -> Run:
-    """Return the line of a run as in `offered`: one pass, with the name of its travel."""
     return Run(
         setup=run.travel.base,
         return_pass=False,
@@ -137,7 +136,6 @@ def _offered_line(run: Run) -> Run:
 
 
 def _ways(survey: Plan) -> Ways:
-    """Return the kind of passes of the plan."""
     runs = survey.runs
     orders, alternate = next(
         ((run.axis_orders, run.alternate) for run in runs if run.axis_orders), ((), False)
@@ -155,7 +153,7 @@ def _named(
     survey: Plan, lines: Sequence[Run], todo: Sequence[Run], driven: Sequence[Run], ways: Ways
 ) -> tuple[Run, ...]:
     """Return lines as runs with setup names: runs of the present setup first, then planned runs,
-    then others. Each shifted line gets the next free number."""
+    then other runs. Each shifted line gets the next free number."""
     taken, runs = {run.setup for run in survey.runs}, list[Run]()
     for line in lines:
         planned = next((run for run in todo if _offered_line(run) == line), None)
@@ -190,8 +188,8 @@ def shown_by(
             lay_out(readings, "readings", survey.volume), about.chain, assumed=about.assumed
         )
     except StepdiagError:
-        # too few stops, or a pass that contradicts its plan: another finding contains
-        # the pass
+        # for too few stops, or for a pass that contradicts its plan, there is another
+        # finding
         return about, None
     assumed, scatter = about.assumed, found.scatter
     repeats = assumed.repeatability_um and np.any(scatter.freedom_misses[:3] > 0)
@@ -206,8 +204,6 @@ def shown_by(
 
 
 def _factor(found: Adjustment) -> tuple[float, bool]:
-    """Return the most likely ratio of the angles to the assumed size, and whether the readings
-    show it."""
     names = [effect.name for effect in found.effects]
     if ANGLES not in names or not found.sizes.sought[names.index(ANGLES)]:
         return 1.0, False

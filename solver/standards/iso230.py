@@ -1,8 +1,7 @@
 """Figures of positioning tests: ISO 230-2, ISO 230-6, ASME B5.54 and VDI/DGQ 3441.
 
 None of these standards is public: the formulae are from general knowledge and agree with published
-readings (theory.md 8.1-8.5). ``source_status`` of every result contains this fact, and every report
-prints it.
+readings (theory.md 8.1-8.5). ``source_status`` states this in every result and report.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +29,7 @@ at most 250 mm between targets."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """The rule of a standard for a scatter: ``k`` standard deviations on each side."""
+    """The rule of a standard for a range from a scatter: ``k`` standard deviations on each side."""
 
     standard: str
     k: float
@@ -216,7 +215,7 @@ def arrange_runs(
     omitted passes.
 
     Odd passes are outward (up), even passes return (down). If the readings restart at zero in every
-    pass (``common_zero=False``), they contain no reversal, and only the outward passes are used.
+    pass (``common_zero=False``), the reversal is unknown, and only the outward passes are used.
     """
     targets, row = np.unique(np.asarray(target_mm, dtype=np.float64), return_inverse=True)
     passes = np.asarray(pass_number, dtype=np.int64)
@@ -246,7 +245,6 @@ def _pass_columns(
 
 
 def _scatter(table: Vector | None) -> Vector | None:
-    """Return the experimental standard deviation at every target, None for fewer than two runs."""
     if table is None or table.shape[1] < 2:
         return None
     scatter: Vector = table.std(axis=1, ddof=1)
@@ -267,8 +265,6 @@ def _bidirectional_repeatability(
 
 
 def _accuracy(k: float, *directions: tuple[Vector | None, Vector | None]) -> float | None:
-    """Return the range from the lowest ``mean - k s`` to the highest ``mean + k s`` over targets
-    and directions."""
     tops, bottoms = [], []
     for mean, s in directions:
         if mean is None or s is None:
@@ -279,8 +275,8 @@ def _accuracy(k: float, *directions: tuple[Vector | None, Vector | None]) -> flo
 
 
 def _largest(values: Sequence[float | None]) -> float | None:
-    """Return the largest value of a figure, or None if a diagonal lacks it: a maximum over some
-    diagonals is not a figure of the machine."""
+    """Return the largest value of a figure, or None if a diagonal has no value: a maximum over
+    some diagonals is not a figure of the machine."""
     known = [value for value in values if value is not None]
     return max(known) if known and len(known) == len(values) else None
 

@@ -1,10 +1,10 @@
 """The measurement uncertainty of positioning figures, from the sources of ISO/TR 230-9.
 
-The report is not public: the effect of each source on each figure is derived in theory.md 8.7, and
-every result contains this fact. Errors proportional to length (laser, alignment, temperature) are
-equal in all runs: they are part of E, M and A and cancel in B and R. Errors that change from run to
-run (environment, noise) are averaged over the runs in E, M and B. R and A also have the uncertainty
-of a scatter from few runs.
+The report is not public: theory.md 8.7 derives the effect of each source on each figure, and every
+result states this. Errors proportional to length (laser, alignment, temperature) are equal in all
+runs: they are part of E, M and A and cancel in B and R. Errors that change from run to run
+(environment, noise) are averaged over the runs in E, M and B. R and A also have the uncertainty of
+a scatter from few runs.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,8 @@
 """The errors of the whole machine as a vector of functions with slopes, squarenesses and angles,
-with its covariance and modes.
+with the covariance and the modes of this vector.
 
 Errors that the readings do not identify have the usual size of the machine's class in this vector.
-The result omits them, but they are not zero over the volume.
+The result omits such errors, but they are not zero over the volume.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,19 +38,19 @@ MOST_POSITIONS = 20
 """Largest number of increments between the nodes of the modes."""
 MOST_MODES = 40
 NEXT_TO_NOTHING = 1e-6
-"""Smallest usual size, as a share of the largest usual size: with a size of zero, all other
-sizes would be treated as rounding (`HIDDEN`)."""
+"""Smallest usual size, as a share of the largest usual size; next to a size of zero all other
+sizes would look like rounding (`HIDDEN`)."""
 HIDDEN = 1e-9
 """Share of the largest effect below which an effect is rounding."""
 FINEST_UM = 0.01
-"""Smallest uncertainty of a reading in um in a fit with usual sizes, which are thousands of
-times larger: a smaller value would cause rounding errors."""
+"""Smallest uncertainty of a reading in um in a fit with usual sizes: with a smaller value the
+ratio to the usual sizes causes rounding errors."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Machine:
     """The values of the machine's functions and squarenesses: ``names`` and ``node`` of each
-    value, and its combination of unknowns and random effects."""
+    value, and the combination of unknowns and random effects for each value."""
 
     names: tuple[str, ...]
     node: NDArray[np.int64]
@@ -66,7 +66,7 @@ def machine_of(
     products: Mapping[int, float] | None = None,
 ) -> Machine:
     """Return the machine's values at the nodes of the modes. The fit has ``causes`` random effects;
-    those of unknown angles begin at ``first_cause``.
+    unknown angles begin at ``first_cause``.
 
     ``products`` contains the columns of `PRODUCTS`, in the order of their names, with the size of
     one unit.
@@ -159,8 +159,8 @@ def usual_names(
 def usual_rows(
     found: Quantities, known: Mapping[str, bool], assumed: Assumptions
 ) -> tuple[Rows, Vector]:
-    """Return a row for each value of an error that is not ``known``, with the target zero, and
-    its usual size as the standard uncertainty."""
+    """Return a row for each value of an error that is not ``known``. The target is zero, and the
+    standard uncertainty is the usual size of the error."""
     usual = usual_sizes_of(assumed)
     kept = [row for name in usual if not known.get(name, True) for row in found.of(name)]
     some = found.select(np.array(kept, dtype=np.int64))
@@ -223,8 +223,8 @@ def separated(
     """Return the part of the machine's values that the readings determine, and the covariance (k,
     k) of the rest, which only the usual ``rows`` limit.
 
-    The rest has its most likely value for the determined part. The difference of covariances with
-    and without the usual rows would be the same, but its rounding depends on the processor.
+    The rest has its most likely value for the determined part. A difference of covariances with and
+    without the usual rows would be the same, but with rounding that depends on the processor.
     """
     hidden = np.linalg.pinv(rows.times(inverse.null) / u[:, None], rcond=HIDDEN)
     moved = machine.combination.times(inverse.null) @ hidden
@@ -296,8 +296,8 @@ def posterior_of(
 
 
 def _is_nonzero(values: Vector) -> bool:
-    """Return whether any value is more than rounding: every name with a value uses random
-    numbers, so the result must not depend on the processor."""
+    """Return whether any value is more than rounding. Every name with a value uses random
+    numbers, so rounding must not decide."""
     return bool(np.any(np.round(values, POSTERIOR_DECIMALS)))
 
 
@@ -313,7 +313,7 @@ def _by_name(
 
 def _node_rows(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -> Vector:
     """Return the values (r, k) of a function at all nodes of the modes, with zeros where the
-    function is zero by definition. The values (r, 1) of a squareness are unchanged."""
+    function is zero by definition. A squareness (r, 1) is returned unchanged."""
     if name[0] != "E":
         return values
     nodes = mode_nodes(volume)
@@ -323,8 +323,8 @@ def _node_rows(name: str, node: NDArray[np.int64], volume: Volume, values: Vecto
 
 
 def over_volume(found: Vector, fields_um: Vector) -> tuple[float, float]:
-    """Return the error over the volume (rms) from the covariance of the machine's values, and
-    its degrees of freedom. ``fields_um`` (k, 3 points) is the result of `free_fields_um`."""
+    """Return the error over the volume (rms) and its degrees of freedom, from the covariance of
+    the machine's values. ``fields_um`` (k, 3 points) is the result of `free_fields_um`."""
     across = found @ (fields_um @ fields_um.T)
     square = max(float(np.trace(across)), 1e-30)
     return float(np.sqrt(3.0 * square / fields_um.shape[1])), square**2 / max(

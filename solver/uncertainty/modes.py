@@ -13,8 +13,8 @@ from stepdiag.solver.linear.ties import first_of_the_largest
 KEPT_SHARE = 0.995
 """Share of the variance over the volume that the modes must contain."""
 UNSEEN = 1e-3
-"""A direction is treated as undetermined if the readings reduce its variance by less than this
-share at every likely size. All such directions form one group."""
+"""Smallest share by which the readings reduce the variance of a determined direction at the
+largest likely size. All undetermined directions form one group."""
 ROUNDING = 1e-9
 """Share of the largest value below which a value is rounding."""
 
@@ -56,9 +56,9 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
     (k,) of the rest.
 
     ``fields`` (k, values) is the effect of one unit of each of the k values over the volume. Each
-    column is chosen by the value over the volume with the largest remaining variance; of equal
-    values the first is chosen, so that rounding does not decide. The rest has the correct mean
-    square over the volume.
+    column reproduces the value over the volume with the largest remaining variance. Among equal
+    values the first is chosen, so that rounding does not decide. The mean square of the rest over
+    the volume is exact.
     """
     return _factored(np.diag(found), found @ fields, fields, most)
 
@@ -86,8 +86,6 @@ def _factored(
 
 
 def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> Vector:
-    """Return the standard deviations of the rest, reduced by a common factor to the mean square
-    ``over_volume``. The result is zero if this is rounding of the ``total``."""
     moving = np.sum(fields**2, axis=1)
     has_effect = moving > ROUNDING * np.max(moving)
     kept = np.where(has_effect, np.maximum(square, 0.0), 0.0)
@@ -113,9 +111,9 @@ def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> ByS
     """Return the directions (k, q) of a family as modes; the size of a mode is its root mean square
     over all likely sizes.
 
-    Directions that the readings determine equally well, within a factor of two, are combined,
-    because an eigenvalue decomposition would choose among them by rounding. Each group has an
-    additional mode: the change of its most likely amounts with the size.
+    Directions that the readings determine equally well, within a factor of two, form a group,
+    because an eigenvalue decomposition would choose among them by rounding. An additional mode of
+    each group is the change of its most likely amounts with the size.
     """
     unseen = family.seen * np.max(family.factor) ** 2 < UNSEEN
     octave = np.floor(np.log2(np.where(unseen, 1.0, family.seen)))

@@ -1,8 +1,8 @@
 """Monte Carlo check of the law of propagation (JCGM 101): the estimator evaluates simulated surveys
 with random noise and random effects.
 
-The standard deviations of the random effects are drawn from their distribution; the estimator uses
-the estimated values.
+The simulated standard deviations of the random effects are drawn from their distribution; the
+estimator uses the estimated standard deviations.
 """
 
 from collections.abc import Iterator
@@ -55,8 +55,8 @@ def monte_carlo(
 
 
 def _noise_operator(spread: Spread, asked: Rows) -> Vector:
-    """Return the effect of the noise on the quantities, shape (rows, quantities), in at most as
-    many rows as quantities."""
+    """Return the effect of the noise on the quantities, shape (rows, quantities), reduced to at
+    most as many rows as quantities."""
     fit = spread.fit
     wanted = fit.inverse.solve(asked.dense().T)
     direct = fit.rows.times(wanted) * fit.weight[:, None]
@@ -64,7 +64,7 @@ def _noise_operator(spread: Spread, asked: Rows) -> Vector:
     gain = direct + fit.causes.left @ amounts
     kept = fit.weight > 0
     scaled = gain[kept] / np.sqrt(fit.weight[kept])[:, None]
-    # R of the QR decomposition has the same covariance as all rows
+    # R of the QR decomposition gives the same covariance as all rows
     folded: Vector = np.linalg.qr(scaled).R if len(scaled) > scaled.shape[1] else scaled
     return folded
 

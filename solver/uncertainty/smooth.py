@@ -5,24 +5,24 @@ end-point line is a sum of half waves over the travel,
 
     shape(i) = sum over k of a_k sin(pi k i / n),    a_k ~ normal(0, power_k),    k = 1 .. n - 1
 
-whose powers fall with k. The adjustment estimates each a_k with a variance v_k, so a_k^2 - v_k is
-an estimate of power_k. The powers of a function are the falling sequence nearest to these estimates
+The powers fall with k. The adjustment estimates each a_k with a variance v_k, so a_k^2 - v_k is an
+estimate of power_k. The powers of a function are the falling sequence nearest to these estimates
 (pool adjacent violators). The mean of m squared estimates has a relative scatter of sqrt(2 / m),
-which is added to the power of a pool: otherwise a function would be straight if the readings merely
-show no bend. A step of a guideway or the waves of a ball screw cause large powers up to the
-shortest wave, so such a function is not smoothed. Each function has its own powers.
+which is added to the power of a pool: with a power of zero, a function would be straight if the
+readings merely show no bend. A step of a guideway or the waves of a ball screw cause large powers
+up to the shortest wave, so such a function is not smoothed. Each function has its own powers.
 
-A random effect on many readings (angles, drift) bends several functions at once, and the powers of
-all these functions would be evidence about it. Therefore `OF_CAUSES` times its variance is added to
-each power: smoothness is evidence about noise only.
+A random effect on many readings (angles, drift) bends several functions at once, and would be
+estimated from the powers of all these functions. To avoid this, `OF_CAUSES` times the variance of
+the random effect is added to each power: smoothness is evidence about noise only.
 
 The shorter half of the waves shows the real noise. If the squares of their amounts are smaller than
-their variances, the real noise is smaller than stated, and the powers increase by this ratio:
-readings without noise are not smoothed.
+their variances, the real noise is smaller than stated, and the powers increase by this ratio.
+Therefore readings without noise are not smoothed.
 
-The powers are rows of the adjustment: each value of a shape is zero within the power of the
-shortest wave, and random effects add the larger power of longer waves. Only identified functions
-have such rows.
+In the adjustment, each value of a shape has a row with the target zero and the power of the
+shortest wave as its variance. Random effects add the larger powers of longer waves. Only identified
+functions have such rows.
 """
 
 from collections.abc import Sequence
@@ -49,9 +49,9 @@ BENDS = "bends"
 FEWEST = 4
 """Smallest number of half waves of a smoothed function."""
 LEAST_SHARE = 1e-9
-"""Smallest ratio of the real to the stated variances: less is rounding."""
+"""Smallest ratio of the real to the stated variances; a smaller ratio is rounding."""
 OF_CAUSES = 10.0
-"""Multiple of a random effect's variance that is added to the powers: with it, nine functions
+"""Multiple of a random effect's variance that is added to the powers: with 10, nine functions
 together reduce the random effect by less than half."""
 
 
@@ -92,9 +92,6 @@ def smoothed(spread: Spread, design: Design, quantities: Quantities) -> Spread:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """The amounts of the half waves in a function, shape (waves,), and their variances by noise
-    and by random effects."""
-
     amount: Vector
     of_noise: Vector
     of_causes: Vector

@@ -1,11 +1,10 @@
-"""The variance of any combination of unknowns and random effects after the adjustment, from the
-readings alone and from all causes.
+"""The variance of any combination of unknowns and random effects after the adjustment, by the
+readings alone and by all causes.
 
 ``combination @ unknowns + on_causes @ amount`` has the variance ``K C K' + T M T'`` with K the
 ``combination`` and ``T = on_causes - K taken``. C is the covariance of the unknowns for known
-random effects, M is the covariance of the random effects. M includes the uncertainty of their
-standard deviations: it is averaged over all likely values (law of total variance;
-`solver.linear.families`).
+random effects, M is the covariance of the random effects. M is an average over all likely standard
+deviations of the random effects (law of total variance; `solver.linear.families`).
 """
 
 from dataclasses import dataclass
@@ -72,15 +71,15 @@ class Spread:
         return np.maximum(found, 0.0)
 
     def shares(self, moved: Vector) -> dict[str, Vector]:
-        """Return the standard uncertainty by each group of random effects, shapes (k,), and the
-        share by their unknown standard deviations. If smaller standard deviations are more
-        likely, all shares are reduced."""
+        """Return the standard uncertainty by each group of random effects, and the share by the
+        unknown standard deviations, shapes (k,). All shares are reduced if smaller standard
+        deviations are more likely."""
         size = np.where(self.fit.size > 0, self.fit.size, np.inf)
         each = (moved @ (self.fit.amount_covariance / size)) ** 2
         beside = np.maximum(self.variance(moved) - self.variance_by_readings(moved), 0.0)
         known = np.sum(each, axis=1)
         less = np.sqrt(np.minimum(1.0, beside / np.where(known > 0, known, 1.0)))
-        # groups with the same name are added: each step in the readings is a group
+        # groups with the same name are added, for example all steps of the count
         found = {
             name: less * np.sqrt(np.sum(each[:, self.causes_of(name)], axis=1))
             for name in dict.fromkeys(self.names)
@@ -93,6 +92,6 @@ SIZES_UNKNOWN = "sizes of these"
 
 
 def deviation(variance: Vector) -> Vector:
-    """Return standard deviations; the rounding of a zero variance is zero on every processor."""
+    """Return standard deviations; the rounding of a zero variance is set to zero."""
     found: Vector = np.sqrt(np.where(variance < _NONE, 0.0, variance))
     return found
