@@ -607,8 +607,8 @@ class _Task:
         """Return the contradiction with the highest odds.
 
         In the first search no effect is larger than usual, so that no effect hides a contradiction.
-        A contradiction is valid if it explains the readings better than larger effects do.
-        Otherwise the search is repeated with the estimated sizes.
+        A contradiction is valid if it explains the readings better than larger effects do. If no
+        contradiction is valid, the search is repeated with the estimated sizes.
         """
         every = counts(current.fixed, self.layout)
         as_usual = _as_usual(current, self.effects, self.sizes)

@@ -190,10 +190,11 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     by the linear runs, in um, with its standard uncertainty (theory 6.4). Return None if the
     readings do not compare diagonals and runs.
 
-    Angles have at least their assumed size, because the closure does not show slopes of pitch and
-    yaw. Growth has its estimated size. Drift and scales of setups have a plausible size
-    (`solver.adjustment.adjustment.PLAUSIBLE`), because a free size would absorb the misclosure.
-    Products have their estimated size if the finding is about the machine.
+    The uncertainty includes angles of at least their assumed size, because the closure does not
+    show slopes of pitch and yaw, and growth of its estimated size. The uncertainty also includes
+    drift and scales of setups of a plausible size (`solver.adjustment.adjustment.PLAUSIBLE`),
+    because free sizes would absorb the misclosure, and products of their estimated size if products
+    are the named cause.
     """
     layout = found.layout
     machine = (BESIDE,) if found.explained.machine_named else ()

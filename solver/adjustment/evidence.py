@@ -12,18 +12,18 @@ the covariance of the readings including the random effects, and R removes the u
     most likely size = shown / seen
     z^2 = shown^2 / seen
 
-The size t is unknown. The prior of its standard deviation begins at the uncertainty 1 / sqrt(seen)
-and ends at 2000 times this value; each power of two has the same probability. The Bayes factor
-against "no error" is the mean over these standard deviations of
+The prior standard deviation of the unknown size t is between the uncertainty 1 / sqrt(seen) and
+2000 times this uncertainty; each power of two has the same probability. The Bayes factor against
+"no error" is the mean over these standard deviations of
 
     p(y | t) / p(y | 0) = (1 + t^2 seen)^-1/2 exp(1/2 gain(z^2 t^2 seen / (1 + t^2 seen)))
 
 For a known noise, gain(q) = q. The noise is estimated from the same residuals, so gain is the gain
-of the profile likelihood (`solver.linear.components.gained`). The first factor reduces the odds of
-an explanation with a free size. Explanations with the same pattern have the same Bayes factor,
-because sizes are relative to the uncertainty. A wandering pass and growth in time consist of many
-patterns with a common standard deviation. The prior probability of a kind of explanation (`PRIOR`)
-is divided among the explanations of this kind:
+of the profile likelihood (`solver.linear.components.gained`). The factor (1 + t^2 seen)^-1/2
+reduces the odds of an explanation with a free size. Explanations with the same pattern have the
+same Bayes factor, because sizes are relative to the uncertainty. A wandering pass and growth in
+time consist of many patterns with a common standard deviation. The prior probability of a kind of
+explanation (`PRIOR`) is divided among the explanations of this kind:
 
     odds_k = prior_k / (number of its kind) * Bayes factor_k
     p_k = odds_k / (1 + sum of all odds)
@@ -75,8 +75,8 @@ functions, a place with a local error, a wandering pass, and a head with a wrong
 frequent.
 
 120 surveys had a scale of 0 to 40 um/m in one setup. With a prior of 0.1 for a scale, 17 of these
-surveys had errors beyond U, with 0.2 10, and with 0.3 5. A prior of 0.3 makes a machine that warms
-up ambiguous.
+surveys had errors beyond U, with 0.2 10, and with 0.3 5. With a prior of 0.3, the cause of the
+errors of a warming machine is ambiguous.
 """
 PRIOR[EXCHANGED] = PRIOR[SCALE] / ODDS
 """Two names of setups are exchanged in one survey of a hundred."""
@@ -84,7 +84,7 @@ GROWING = 4.0 ** np.arange(12)
 """Squares of the equally likely standard deviations of a size, relative to the uncertainty by
 the readings."""
 SURE = 1.0 - 1.0 / ODDS
-"""Probability of an error within U."""
+"""Probability with which U covers an error."""
 HIDDEN = 1e-6
 """Smallest share of a pattern that the fit separates from the unknowns."""
 DECIMALS = 6

@@ -23,8 +23,8 @@ from stepdiag.solver.model.layout import Layout
 
 def exchange(usual: MixedFit, layout: Layout) -> tuple[tuple[int, int], Vector] | None:
     """Return the two setups whose exchange has `ODDS` against no exchange and against every fault
-    of a pass, and the change of the target (rows,) by the exchange. Return None without such a
-    pair.
+    of a pass, and the change of the target (rows,) by the exchange. The result is None if no pair
+    has these odds.
 
     The random effects of ``usual`` are not larger than usual, so that they do not hide an exchange.
     """

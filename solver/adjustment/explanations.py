@@ -4,17 +4,17 @@ A wrong stop, step or pass has its own residuals (`solver.adjustment.faults`). T
 have none: the scale of a setup, machine errors that are not a function of one axis (`PRODUCTS`:
 products of two axes in a component, and y^2 z in Z, a ram that sags), and unusual growth. One
 length compares the seven setups of a usual survey, so most of these errors explain this length
-equally well. `solver.adjustment.evidence` computes their odds. Stops, steps and walks are compared
-too, so that a product does not explain their part. Growth and scales of all setups have at most
-their usual size, because they explain the same length.
+equally well. `solver.adjustment.evidence` computes the odds of all errors. Stops, steps and walks
+are compared too, so that a product does not explain their part. Growth and scales of all setups
+have at most their usual size, because they explain the same length.
 
 - A kind of explanation is in the mixture if its odds are at least 1 / `ODDS` of the best odds,
-including "no error". The same rule applies within a kind. The mixture of a good survey has no
-explanations. - An explanation is the named cause if it has `ODDS` times the probability of all
-other explanations together. - If setups and products have more than half of the probability without
-a named cause, all candidates are reported (`solver.methods.doubt`). With growth as a candidate,
-they are reported only if a compensation could increase the error. The lengths can refuse an export
-(`solver.adjustment.diagnostics.scale_findings`).
+including "no error". The limit 1 / `ODDS` also applies to the explanations of one kind. The mixture
+of a good survey has no explanations. - An explanation is the named cause if it has `ODDS` times the
+probability of all other explanations together. - If setups and products have more than half of the
+probability without a named cause, all candidates are reported (`solver.methods.doubt`). With growth
+as a candidate, they are reported only if a compensation could increase the error. The lengths can
+refuse an export (`solver.adjustment.diagnostics.scale_findings`).
 
 Each explanation in the mixture is a random effect with a share of its expected square E[t^2 | k,
 y], for estimate, budget, posterior and predictions. A normal distribution with the moments of the
@@ -142,8 +142,8 @@ def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Counts) -
     """Return the mixture of the explanations of a survey; ``growth_um`` (m, k) is the effect of
     growth.
 
-    The faults on ``every`` count have a part of the probability. A walk is also in the mixture,
-    because a product could otherwise explain it.
+    Stops, steps and walks on ``every`` count have a share of the probability. A walk is also in the
+    mixture, because a product could otherwise explain it.
     """
     beside, single, wandering = (
         list(_families(fit, layout)),
@@ -219,7 +219,7 @@ def effects_beside(layout: Layout, found: Explained) -> list[Effect]:
 
 def shares(odds: Vector, kinds: NDArray[np.str_]) -> Vector:
     """Return the probability of each explanation, shape (c,), from log-odds against no error. The
-    rest is the probability of no error.
+    probability of no error is 1 minus the sum.
 
     A kind with less than 1 / `ODDS` of the best odds has the probability 0.
     """

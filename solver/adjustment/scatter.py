@@ -66,8 +66,8 @@ last step."""
 _USUAL_RATE, _RATES = 0.3, (-1.0, 0.5)
 """Usual ratio of two successive steps, and the permitted range of the ratio."""
 LEAST_SHOWN = 1.0
-"""Smallest number of degrees of freedom at which the size may increase; with fewer, a single
-contradiction would enlarge it."""
+"""Smallest number of degrees of freedom with which a standard deviation may increase; with
+fewer, a single contradiction would increase the standard deviation."""
 _LEAST_REDUNDANCY = 1e-6
 _MOST, _OF_NORMAL = 1.5, 0.778465
 """Limit of a residual in a robust mean, in standard deviations, and the mean square of a normal

@@ -82,7 +82,7 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
     uncertainty, shapes (N,).
 
     If the share g of the residual is a motion of the beam, the second differences of the spot are g
-    times those of the lever times the residual. A regression determines g.
+    times those of the lever times the residual. A regression estimates g.
     """
     of_rest, of_spot = np.diff(1e-3 * lever_mm * rest_urad, n=2), np.diff(left_um, n=2)
     power = float(of_rest @ of_rest)

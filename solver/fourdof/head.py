@@ -34,8 +34,8 @@ a finding."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crosstalk:
-    """Calibrated corrections (theory.md 9, a to d); zero means no correction. Each pair has the
-    values for the detectors' x and y.
+    """Calibrated corrections (theory.md 9, a to d); zero means no correction. The pairs of values
+    are those of the detectors' x and y.
 
     ``vertex_mm`` is the position of the corner cube's vertex relative to the point whose
     straightness is measured: lateral x, lateral y, and along the beam (positive towards the head).

@@ -11,10 +11,10 @@ still while the laser's pointing changes. In one lateral axis (theory.md 9), for
     PSD2               = a (1 + 2 leak2 L) + a constant of the end
 
 Each detector reads its value with two gains, two signs and its roll. The pointing is an unknown of
-every row. It is linear in the model and is eliminated (variable projection: Golub, Pereyra 1973;
+every row, is linear in the model, and is eliminated (variable projection: Golub, Pereyra 1973;
 Kaufman's approximation), so noise of a detector does not reduce the estimated slopes. The noise of
-each detector is the noise of its samples times a common factor. This factor and the errors of the
-jogs are estimated from the residuals. Separate factors for three detectors are not possible,
+each detector is the noise of its samples times a common factor. The common factor and the errors of
+the jogs are estimated from the residuals. Separate factors for three detectors are not possible,
 because the smallest noise would become zero.
 """
 
@@ -61,7 +61,7 @@ LINEAR = 1e-3
 """Smallest noise of a detector relative to the change of pointing; the curve of a detector is
 not more exact."""
 JOG_UM = 1.0
-"""Initial error of a jog, in um of the spot on the detector."""
+"""Initial value of the estimated error of a jog, in um of the spot on the detector."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

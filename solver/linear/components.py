@@ -1,10 +1,10 @@
 """Restricted maximum likelihood estimate of the standard deviation ("size") of each group of random
 effects ("causes") in a least-squares fit.
 
-The search uses Newton's iteration on the logarithm of the sizes. It uses Fisher scoring if the
-observed information is not positive (Searle, Casella, McCulloch 1992, 8.2-8.3). The prior of a size
-has its mode near the user's value and includes zero, because a random effect may be absent (after
-the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
+The search uses Newton's iteration on the logarithm of the sizes, or Fisher scoring if the observed
+information is not positive (Searle, Casella, McCulloch 1992, 8.2-8.3). The prior of a size has its
+mode near the user's value and includes zero, because a random effect may be absent (after the
+half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
 """
 
 from dataclasses import dataclass

@@ -140,7 +140,7 @@ def hidden_factors() -> Vector:
 
 def class_factors() -> Vector:
     """Return equally likely sizes of a machine's unmeasured errors, relative to the usual size,
-    shape (points,). Their order is independent of the order of `likely_factors`."""
+    shape (points,). The order of these sizes is independent of the order of `likely_factors`."""
     order = np.arange(POINTS) * (POINTS // 2) % POINTS
     sizes = np.exp(CLASS_SPREAD * normal_points(POINTS))
     found: Vector = sizes[order]

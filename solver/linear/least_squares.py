@@ -102,7 +102,7 @@ def invert(
     """Return a generalised inverse of A.T diag(weight) A.
 
     ``like`` is an inverse of the same rows with other positive weights, or with fewer rows and the
-    same null space. Its null space is used again.
+    same null space. The null space of ``like`` is used again.
     """
     packed = like.packed if like and like.packed.rows is rows else pack(rows, blocks)
     system = _scaled(packed, weight)
@@ -173,9 +173,9 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
     """Return an orthonormal basis (count, k) of the null space, the unknowns fixed at zero, and the
     elimination.
 
-    Inverse iteration proposes candidates. With one unknown fixed for each candidate the matrix is
-    regular, and the elimination gives the candidates to full precision. The final test uses the
-    rows, because the normal matrix loses half of the digits.
+    Inverse iteration finds candidate directions. With one unknown fixed for each candidate the
+    matrix is regular, and the elimination gives the candidates to full precision. The final test
+    uses the rows, because the normal matrix loses half of the digits.
     """
     count = len(system.scale)
     # the search excludes unknowns that no row involves: with rows of few functions these are most

@@ -90,8 +90,8 @@ class Packed:
 
 
 def pack(rows: Rows, blocks: Blocks) -> Packed:
-    """Return the rows in dense pieces. Raises ``ValueError`` for a row that depends on two
-    blocks which are not neighbours."""
+    """Return the rows as dense matrices, one for each block of unknowns. Raises ``ValueError``
+    for a row that depends on two blocks which are not neighbours."""
     order = np.argsort(blocks.place)
     edges, border = blocks.edges, order[blocks.border]
     group = np.full(rows.count, -1)

@@ -160,8 +160,8 @@ def _offset(
     known: Mapping[str, bool],
 ) -> Vector:
     """Return the expected difference between the machine and the report, which omits quantities
-    that are not identified. A positioning function without an identified slope is reported as
-    its shape."""
+    that are not identified. If the slope of a positioning function is not identified, the report
+    contains the function without its end-point line."""
     expected = (
         machine.combination.times(wider.fit.unknowns) + machine.on_causes @ wider.fit.amount
     )

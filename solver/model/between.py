@@ -3,8 +3,8 @@ nodes is a random effect of the adjustment.
 
 A survey has such targets if a linear run has more targets than the diagonals, if the diagonals have
 different increments, or if a 4-DOF head measured at more stops. The deviation is a Brownian bridge
-between two neighbouring nodes, zero at both nodes. Its standard deviation is estimated from the
-readings.
+between two neighbouring nodes, zero at both nodes. The standard deviation of the bridge is
+estimated from the readings.
 """
 
 from collections.abc import Sequence

@@ -7,8 +7,9 @@ its setup.
       + nu . (P - P_0) + offset + drift * time                       mirror tilt: theory 4.2
       + d . sum_a miss_a(last move of axis a)                        solver.adjustment.scatter
 
-``play_a`` is the reversal at the low end of axis a. It is an unknown if an outward pass and its
-return pass share the zero of the laser's count; otherwise it is part of the offsets of the passes.
+``play_a`` is the reversal at the low end of axis a. The reversal ``play_a`` is an unknown if an
+outward pass and its return pass share the zero of the laser's count; otherwise the offsets of the
+passes include ``play_a``.
 
 Units: um, urad, mm; tilts in mrad. The errors of the machine are zero at the first node of each
 axis and linear between nodes. A rigid rotation of the machine is not determined by the readings;

@@ -296,7 +296,7 @@ def _registers(layout: Layout) -> Effect:
     """Return the effect of reported positions that scatter although the machine stands still.
 
     The deviation of a reading is relative to the reported position, so a scatter of the reported
-    position adds an error. There are two patterns: scatter while an axis stands, and scatter
+    position adds an error. The effect has two patterns: scatter while an axis stands, and scatter
     between the ends of its moves. The amount of a pattern is 0 if the axis really was at the
     reported position, and 1 if only the reported value scatters. Rounding that repeats at each
     target, or that accumulates over increments, is not scatter.

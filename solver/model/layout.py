@@ -221,8 +221,8 @@ def _edges_mm(
     readings: Readings, kinds: Sequence[Sequence[Setup]], axis: int
 ) -> tuple[float, float]:
     """Return the low and the high edge of the box along an axis, from the first of the ``kinds``
-    of setups that travels this axis. Without such a setup the edges are the lowest and highest
-    position of the axis."""
+    of setups that travels this axis. If no setup travels the axis, the edges are the lowest and
+    highest position of the axis."""
     travelling = ([setup for setup in setups if setup.signs[axis]] for setups in kinds)
     signs = {setup.name: setup for setup in next(filter(None, travelling), [])}
     position, steps = [np.zeros(0)], [np.zeros(0, dtype=np.int64)]

@@ -61,8 +61,8 @@ def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
 
 
 def has_stated_u(angles: Angles) -> bool:
-    """Return whether any angular function has an uncertainty; such a function is an observation,
-    not a constant."""
+    """Return whether any angular function has an uncertainty; a function with an uncertainty is
+    an observation, not a constant."""
     return any(bool(np.any(np.isfinite(known.u_urad))) for known in angles.values())
 
 

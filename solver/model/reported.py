@@ -119,8 +119,8 @@ def identified(
 
 
 def variance(found: Quantities, inverse: Inverse) -> Vector:
-    """Return the variance of every quantity, shape (q,); it has no meaning for a quantity that is
-    not identified.
+    """Return the variance of every quantity, shape (q,). The variance of a quantity that is not
+    identified has no meaning.
 
     All but the first unknown of each combination are end nodes, so few columns of the covariance
     are needed.

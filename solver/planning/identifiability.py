@@ -66,7 +66,7 @@ def cheapest_runs(
 
 def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[str, ...]:
     """Return the angular functions whose shape the readings determine without an assumption
-    about their size (theory 5.2). Several beam lines for one setup are necessary."""
+    about their size (theory 5.2). A survey with one beam line for each setup determines none."""
     if not names or all(setup.shift == 0 for setup in layout.setups):
         return ()
     survey = _coarse(layout)

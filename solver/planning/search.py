@@ -419,8 +419,8 @@ class Exchange:
         return self._through(frozenset(chosen)).changed(-1.0)[list(chosen)]
 
     def improved(self, chosen: Sequence[int], increments: int, limit_min: float) -> list[int]:
-        """Return the chosen lines after repeated exchanges within a time limit. Each exchange is
-        the one with the largest gain."""
+        """Return the chosen lines after repeated exchanges within a time limit. Each step makes
+        the exchange with the largest gain."""
         now, beside = list(chosen), self.beside_um2(increments)
         square = self.square_um2(now)
         while True:

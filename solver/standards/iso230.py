@@ -72,8 +72,8 @@ class PositioningRuns:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositioningFigures:
-    """The figures of one axis or diagonal in um, with the symbols of ISO 230-2; None for figures
-    that the runs do not determine."""
+    """The figures of one axis or diagonal in um, with the symbols of ISO 230-2. A figure is None
+    if the runs do not determine it."""
 
     standard: str
     source_status: str

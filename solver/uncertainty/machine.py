@@ -223,8 +223,9 @@ def separated(
     """Return the part of the machine's values that the readings determine, and the covariance (k,
     k) of the rest, which only the usual ``rows`` limit.
 
-    The rest has its most likely value for the determined part. A difference of covariances with and
-    without the usual rows would be the same, but with rounding that depends on the processor.
+    The rest is expected to have its most likely value for the determined part. A difference of
+    covariances with and without the usual rows would be the same, but with rounding that depends on
+    the processor.
     """
     hidden = np.linalg.pinv(rows.times(inverse.null) / u[:, None], rcond=HIDDEN)
     moved = machine.combination.times(inverse.null) @ hidden

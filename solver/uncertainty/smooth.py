@@ -10,7 +10,8 @@ estimate of power_k. The powers of a function are the falling sequence nearest t
 (pool adjacent violators). The mean of m squared estimates has a relative scatter of sqrt(2 / m),
 which is added to the power of a pool: with a power of zero, a function would be straight if the
 readings merely show no bend. A step of a guideway or the waves of a ball screw cause large powers
-up to the shortest wave, so such a function is not smoothed. Each function has its own powers.
+up to the shortest wave, so a function with a step or short waves is not smoothed. Each of the nine
+functions has separate powers.
 
 A random effect on many readings (angles, drift) bends several functions at once, and would be
 estimated from the powers of all these functions. To avoid this, `OF_CAUSES` times the variance of
@@ -22,7 +23,7 @@ Therefore readings without noise are not smoothed.
 
 In the adjustment, each value of a shape has a row with the target zero and the power of the
 shortest wave as its variance. Random effects add the larger powers of longer waves. Only identified
-functions have such rows.
+functions are smoothed.
 """
 
 from collections.abc import Sequence
