@@ -1,5 +1,5 @@
 """The adjustment of a survey: noise, outliers, the fit, and the verdict of its residuals.
 
-Input: the model. Output: estimates, variances, findings. The rooms `uncertainty`, `planning` and
-`methods` import it.
+Input: the model. Output: estimates, variances, findings. `planning` and `methods` import this
+package.
 """

@@ -219,7 +219,8 @@ def scale_findings(found: Adjustment) -> list[Finding]:
     """Return the finding on diagonals and linear runs with different scales.
 
     Four diagonals compare one length (theory 3, E5), so the readings do not show which setup is
-    wrong. The finding lists every candidate with its size. A large misclosure refuses an export.
+    wrong. The finding lists every candidate with its size. If the misclosure is large, an export is
+    refused.
     """
     both = scale_misclosure(found)
     if both is None or abs(both[0]) <= MISCLOSED * both[1]:

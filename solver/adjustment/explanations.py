@@ -12,8 +12,8 @@ have at most their usual size, because they explain the same length.
 including "no error". The limit 1 / `ODDS` also applies to the explanations of one kind. The mixture
 of a good survey has no explanations. - An explanation is the named cause if it has `ODDS` times the
 probability of all other explanations together. - If setups and products have more than half of the
-probability without a named cause, all candidates are reported (`solver.methods.doubt`). With growth
-as a candidate, they are reported only if a compensation could increase the error. The lengths can
+probability without a named cause, all candidates are reported (`solver.methods.doubt`). If growth
+is a candidate, this report needs a compensation that could increase the error. The lengths can
 refuse an export (`solver.adjustment.diagnostics.scale_findings`).
 
 Each explanation in the mixture is a random effect with a share of its expected square E[t^2 | k,

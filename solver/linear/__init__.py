@@ -1,5 +1,5 @@
 """Weighted linear least squares with sparse matrices.
 
-Input: sparse rows. Output: solutions, null spaces, covariances. The room `model` and the rooms
-above import it.
+Input: sparse rows. Output: solutions, null spaces, covariances. All other packages of the solver
+except `standards` and `fourdof` import this package.
 """

@@ -1,4 +1,4 @@
 """The methods by name: the estimator, and the closed form as printed and as corrected.
 
-Input: the readings of a survey. Output: a result. `daq` and `stepdiag` import this room.
+Input: the readings of a survey. Output: a result. `stepdiag` imports this package.
 """

@@ -324,8 +324,8 @@ def _positioning(done: Estimate, name: str) -> Function:
 
 
 def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
-    """Return a function with its slope. A slope that is not identified is omitted, and a shape
-    that is not identified is None."""
+    """Return a function with its slope. If the slope is not identified, the slope is omitted. If
+    the shape is not identified, the values are None."""
     volume, axis = done.adjustment.layout.volume, AXIS_LETTERS.index(name[-1])
     full = done.curve(with_slope, volume.increments) if with_slope else None
     value, u, u_readings = full or done.curve(name, volume.increments) or (None, None, None)

@@ -26,7 +26,7 @@ AS_MEASURED: Lengths = "as_measured"
 AT_20_C: Lengths = "at_20_c"
 UNMEASURED_C = 3.5
 """Standard uncertainty in C of an assumed material temperature, as for a sensor whose last value
-is one hour old. A value in the survey file replaces this one."""
+is one hour old. An uncertainty in the survey file replaces this value."""
 REACH_MM = 100.0
 """Distance between mirror and tool tip for which the effect of the angles is reported."""
 

@@ -81,8 +81,8 @@ def diagonals(
     diagonal; None unless all four were driven.
 
     Only points on the diagonal are used: the first-order effect of a mirror tilt is zero there
-    (theory 4.2). ISO 230-6 moves all axes together, so figures of step diagonals are not figures of
-    the standard, and their name has a mark.
+    (theory 4.2). ISO 230-6 moves all axes together, so the name of the figures of step diagonals
+    states the difference (`DIAGONAL_STANDARD`).
     """
     found = {
         setup.name: _runs(layout, index, STEPS_A_CYCLE[kind])

@@ -2,5 +2,5 @@
 of the survey.
 
 Input: planned runs. Output: forecasts, and the runs of least time that identify the missing
-quantities. The room `methods` and `stepdiag` import this room.
+quantities. `methods` and `stepdiag` import this package.
 """

@@ -1,5 +1,5 @@
-"""Search of the best survey within a time limit, by exchange: each step adds a beam line, removes a
-line, or replaces a line by another line (Fedorov 1972, Cook and Nachtsheim 1980).
+"""Search for the best survey within a time limit, by exchange: each step adds a beam line, removes
+a line, or replaces a line by another line (Fedorov 1972, Cook and Nachtsheim 1980).
 
 The information of a survey is the sum over its lines (`solver.planning.information`), so the search
 chooses lines only. C is the covariance of the unknowns without a line; ``B B'`` is the information
@@ -490,8 +490,8 @@ def _increments(survey: Plan, about: Circumstances) -> list[int]:
 
 
 class Search:
-    """The search of the best surveys of a volume. The search for each time limit starts from the
-    best choice without shifts and from the previous survey."""
+    """The search for the best surveys of a volume. The search for each time limit starts from
+    the best choice without shifts and from the previous survey."""
 
     def __init__(self, survey: Plan, about: Circumstances) -> None:
         self._survey, self._about = survey, about
