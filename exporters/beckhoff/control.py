@@ -41,8 +41,6 @@ _CSV_NAME = "volumetric_errors.csv"
 
 
 class BeckhoffOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The section ``[beckhoff]`` of a profile."""
-
     way: Literal["volumetric", "lists"]
     axis_numbers: dict[str, int]
     chain: str | None = None
@@ -81,8 +79,6 @@ axis_numbers = "?"            # logical axis numbers, such as { X = 1, Y = 2, Z 
 
 @dataclass(frozen=True, slots=True)
 class Beckhoff:
-    """The controls of Beckhoff and ISG, in the form of `exporters.tables.controller.Controller`."""
-
     name: str = "beckhoff"
     title: str = "Beckhoff TwinCAT CNC / ISG kernel (ISG_CSV, ssfk and crosscomp lists)"
     kinds: tuple[str, ...] = (VOLCOMP, ANGLE, SSFK, CROSS)
@@ -107,9 +103,6 @@ class Beckhoff:
         return Limits(points=points[table.kind])
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return tables for the columns of the volumetric file, or for ``kw.ssfk`` and
-        ``kw.crosscomp``.
-        """
         options = profile.options_as(BeckhoffOptions)
         tables = (
             _volumetric(curves, profile, options)
@@ -121,9 +114,6 @@ class Beckhoff:
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the tables of the curves; with ``chain``, also one product table for each angle
-        and lever.
-        """
         options = profile.options_as(BeckhoffOptions)
         if options.chain is None or options.way != "volumetric":
             return self.plan(curves, profile)
@@ -149,9 +139,6 @@ class Beckhoff:
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return the volumetric file and its configuration lines, or one file ``achskw<n>.lis`` per
-        axis.
-        """
         options = profile.options_as(BeckhoffOptions)
         if options.way == "lists":
             return tuple(
@@ -188,7 +175,6 @@ class Beckhoff:
         }
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return the ``lr_param.ssfk`` switches in axis lists that were copied from the control."""
         lists = [file for file in without_notes(files) if b"kw." in file.data]
         return {
             name: value
@@ -239,8 +225,6 @@ class Beckhoff:
         return own_and_zeros(self, tables, profile, _seat)
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file is an axis list with compensation, or has a heading of component
-        errors."""
         return any(
             word in file.data for word in (b"kw.ssfk.", b"kw.crosscomp.")
         ) or csv.recognises(file)
@@ -300,9 +284,6 @@ def _volcomp_law(letter: str, options: BeckhoffOptions) -> Law:
 
 
 def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
-    """Raises ``UsageError`` if an angle would need opposite signs for the two axes that it
-    moves.
-    """
     if options.chain is not None and set(options.negate) not in (set(), set("XYZ")):
         raise UsageError(
             f"{profile.source}: beckhoff.negate",
@@ -335,9 +316,6 @@ def _chain_held(options: BeckhoffOptions, source: str) -> str:
 
 
 def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
-    """Return the squarenesses with a column of their own: the rotation of the carried axes does not
-    affect these squarenesses.
-    """
     order = (
         ""
         if options.chain is None

@@ -116,9 +116,6 @@ def render(
 
 
 def _slope_rad(table: Table, name: str) -> float:
-    """Return the squareness in a table, in rad: the slope of the end-point line of the table,
-    rounded to the written places.
-    """
     rise = (table.value_um[-1] - table.value_um[0]) / (
         table.position_mm[-1] - table.position_mm[0]
     )
@@ -141,9 +138,6 @@ def _shift_um(name: str, slope_rad: float, position_mm: Vector) -> Vector:
 
 
 def recognises(file: ControlFile) -> bool:
-    """Return whether the first line that is not a comment is a heading of component or position
-    errors.
-    """
     try:
         head = next(_csv_lines(file), ("", []))[1]
     except DataError:
