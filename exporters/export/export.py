@@ -145,9 +145,6 @@ def export(
 
 
 def _may_refuse(finding: Finding, profile: Profile) -> bool:
-    """Return whether a finding may refuse the export. A finding about an export without a profile
-    may not.
-    """
     return finding.severity == "error" or not profile.assumed
 
 

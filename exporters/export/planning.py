@@ -39,17 +39,12 @@ _ROUNDS = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Planned:
-    """The plan of an export, and the contents of the control before and after loading."""
-
     case: Case
     plan: Plan
     standing: Standing
 
 
 def planned(result: Result, control: Controller, profile: Profile, today: date) -> Planned:
-    """Return the plan of an export. Raises ``SafetyError`` and ``DataError`` of the
-    planning steps.
-    """
     require_chain(result, profile)
     before = contents(control, (), profile).before
     kept: dict[str, Curve] = {}
@@ -78,7 +73,6 @@ def _once(
     kept: dict[str, Curve],
     products: frozenset[str],
 ) -> tuple[Case, Plan]:
-    """Return a plan that contains the ``kept`` curves and leaves the old ``products`` unchanged."""
     on = profile.machine.measured_with == "on"
     gone = (
         [

@@ -161,9 +161,6 @@ def _changes(case: Case) -> Iterator[str]:
 
 
 def _before(case: Case) -> Iterator[str]:
-    """Yield the step that compares the control with the machine's own files, for a control without
-    a loading program that makes this comparison.
-    """
     if case.controller.name in BEFORE:
         yield (
             f"{BEFORE[case.controller.name]}, and compare: `stepdiag verify RESULT FOLDER "

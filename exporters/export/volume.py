@@ -74,9 +74,6 @@ def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> 
 
 
 def export_etalon(result: Result, out_dir: Path) -> ExportReport:
-    """Write every function of the result in the Etalon Exchange format, which other software
-    reads.
-    """
     file = etalon.render(result)
     text = (
         f"{file.name}: functions and squareness, chain {result.chain}; levers of angles count "
@@ -162,9 +159,6 @@ def _active(profile: Profile) -> Lattice | None:
 
 
 def _replaced(profile: Profile) -> Callable[[Vector], Vector]:
-    """Return the correction by the old lattice or tables that were inactive during the measurement
-    and that the new lattice replaces.
-    """
     if profile.machine.measured_with == "on" or not profile.existing:
         return np.zeros_like
     lattices = [file for file in profile.existing if lattice.recognises(file)]
