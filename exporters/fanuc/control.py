@@ -49,8 +49,6 @@ __all__ = ["Fanuc", "FanucOptions"]
 
 @dataclass(frozen=True, slots=True)
 class Fanuc:
-    """The FANUC controls, in the form of `exporters.tables.controller.Controller`."""
-
     name: str = "fanuc"
     title: str = (
         "FANUC 0i-D/F, 16i/18i, 30i/31i/32i/35i "
@@ -229,7 +227,6 @@ class Fanuc:
         return profile.existing
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file begins with % and an N block."""
         return (
             file.data.lstrip().startswith(b"%")
             and b"\nN" in file.data.replace(b"\r", b"")
@@ -240,7 +237,6 @@ class Fanuc:
         return parameter_rows(table, profile, profile.options_as(FanucOptions))
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return the steps for the service engineer (controllers.md 2.1, 2.6)."""
         return (
             (
                 "Punch out parameters and pitch data first (SYSTEM > PARAM > PUNCH, SYSTEM > "
@@ -271,9 +267,6 @@ class Fanuc:
 
 
 def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[Table]:
-    """Return the tables of an axis: inclination if the profile asks for it, and pitch data for the
-    error that remains.
-    """
     if is_directional(curve, profile) and not options.experimental_bidirectional:
         raise SafetyError(
             f"{profile.source}: machine.direction",

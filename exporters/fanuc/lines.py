@@ -70,7 +70,6 @@ def line_table(
 
 
 def numbers(letter: str, profile: Profile, options: FanucOptions) -> Points:
-    """Return the pitch point numbers of an axis, to which inclination and straightness refer."""
     where = f"{profile.source}: axes.{letter}.reference_mm"
     return points_of(
         options.axis(letter, profile.source),
@@ -81,9 +80,6 @@ def numbers(letter: str, profile: Profile, options: FanucOptions) -> Points:
 
 
 def _best_lines(grid: Vector, wanted: Vector) -> tuple[list[int], Vector]:
-    """Return the indices of four points (both ends and two grid points), and the values at these
-    points whose straight lines fit ``wanted`` best.
-    """
     last = len(grid) - 1
     interior = np.unique(
         np.linspace(1, last - 1, min(last - 1, _CANDIDATES)).round().astype(int)

@@ -39,8 +39,6 @@ class StraightnessNumbers(
 
 
 class FanucOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The section ``[fanuc]`` of a profile."""
-
     detection_unit_um: Unit
     axes: dict[str, AxisPoints]
     least_input_um: Unit = 1.0

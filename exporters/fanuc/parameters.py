@@ -86,7 +86,6 @@ def switches_in(punched: Sequence[PunchFile]) -> dict[str, str]:
 
 
 def switch_name(number: int, axis: int | None) -> str:
-    """Return the name of bit 0 of a parameter in the notation of the manuals."""
     return f"{number}#0" + ("" if axis is None else f" A{axis}")
 
 

@@ -41,8 +41,6 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class PunchFile:
-    """The blocks of a punch file, which together contain every byte of the file."""
-
     name: str
     blocks: tuple[Block, ...]
 

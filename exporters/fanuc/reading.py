@@ -48,8 +48,6 @@ def read_tables(
 
 
 class _Reader:
-    """The memory of the control after the files have been loaded."""
-
     def __init__(
         self, files: Sequence[PunchFile], profile: Profile, options: FanucOptions
     ) -> None:
@@ -221,9 +219,6 @@ class _Reader:
     def _number(
         self, number: int, axis: int | None, default: int | None, field: str = ""
     ) -> int:
-        """Return a parameter from the files as a whole number, or else the ``default`` that the
-        profile states in ``field``.
-        """
         text = self._find(number, axis)
         where = f"{self._names}: parameter {number}{'' if axis is None else f' A{axis}'}"
         if text is None and default is not None:
