@@ -17,5 +17,4 @@ class ControlFile:
 
 
 def without_notes(files: Iterable[ControlFile]) -> tuple[ControlFile, ...]:
-    """Return the files for the control, without the notes for people, in the same order."""
     return tuple(file for file in files if file.role != "note")

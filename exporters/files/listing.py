@@ -20,7 +20,6 @@ _SHOWN = 60
 
 
 def ascii_lines(lines: Iterable[str], newline: str = "\n") -> bytes:
-    """Return the bytes of a text file in which ``newline`` ends every line."""
     return "".join(line + newline for line in lines).encode("ascii")
 
 

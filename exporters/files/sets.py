@@ -56,7 +56,6 @@ def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
 
 
 def sums_of(files: Sequence[ControlFile]) -> ControlFile:
-    """Return the file with the SHA-256 of all files, in the format of ``sha256sum --check``."""
     lines = "".join(
         f"{hashlib.sha256(file.data).hexdigest()}  {file.name}\n" for file in files
     )
