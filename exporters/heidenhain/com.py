@@ -334,9 +334,6 @@ def _cut(line: str, starts: Sequence[int]) -> list[str]:
 
 
 def _heading(columns: Sequence[str], ending: str, profile: Profile) -> str:
-    """Return the heading of the control's own file if that has the same columns, else a heading
-    with assumed widths.
-    """
     for file in profile.existing:
         if file.name.upper().endswith(ending):
             own = [line for _, line in read_lines(file)][1:2]

@@ -60,8 +60,6 @@ _QUANTUM_URAD = 1e6 * np.pi / 180.0 * 10.0**-com.DEGREE_DECIMALS
 class HeidenhainOptions(
     msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
 ):
-    """The section ``[heidenhain]`` of a profile."""
-
     generation: Generation
     chain: str | None = None
     decimals: Annotated[int, msgspec.Meta(ge=4, le=6)] = 4
@@ -86,10 +84,6 @@ generation = "?"
 
 @dataclass(frozen=True, slots=True)
 class Heidenhain:
-    """The Heidenhain contouring controls, in the form of
-    `exporters.tables.controller.Controller`.
-    """
-
     name: str = "heidenhain"
     title: str = "Heidenhain TNC 640/620, iTNC 530, TNC 4xx (.COM and .CMA)"
     kinds: tuple[str, ...] = (KIND, KINEMATICS)
@@ -118,9 +112,6 @@ class Heidenhain:
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the tables of the curves; with ``chain``, also the tables of the angles for the
-        columns of KinematicsComp.
-        """
         levers = _levers(profile)
         if levers is None:
             return self.plan(curves, profile)
@@ -265,7 +256,6 @@ class Heidenhain:
         return (*profile.existing, *self._com_files(zeros, profile), assignment)
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file is a .COM or .CMA table, by its name and first word."""
         return file.name.upper().endswith((".COM", ".CMA")) and file.data.startswith(
             b"BEGIN "
         )
