@@ -61,8 +61,6 @@ _SETP = re.compile(
 
 
 class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The section ``[linuxcnc]`` of a profile."""
-
     joints: dict[str, list[int]]
     way: Literal["screw", "kinematics"] = "screw"
     matrixkins: bool = True
@@ -84,8 +82,6 @@ matrixkins = "?"
 
 @dataclass(frozen=True, slots=True)
 class LinuxCnc:
-    """LinuxCNC in the form of `exporters.tables.controller.Controller`."""
-
     name: str = "linuxcnc"
     title: str = "LinuxCNC (COMP_FILE type 0 and matrixkins)"
     kinds: tuple[str, ...] = (SCREW, MATRIX)
@@ -159,9 +155,6 @@ class LinuxCnc:
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return the files ``screw_x.comp`` .. of the axes, ``squareness.hal``, and a note with the
-        lines for the INI file.
-        """
         screws = {
             letter: [t for t in tables if t.kind == SCREW and t.input_axis == letter]
             for letter in "XYZ"
@@ -225,9 +218,6 @@ class LinuxCnc:
         files: Sequence[ControlFile] | None = None,
         over: Naming | None = None,
     ) -> Naming:
-        """Return the file names in the INI file, for the machine's own files or for new files that
-        replace some of them.
-        """
         joints, inch = (
             profile.options_as(LinuxCncOptions).joints,
             profile.machine.units == "inch",
@@ -248,15 +238,11 @@ class LinuxCnc:
         )
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the part program ``READ_BACK.ngc`` and the script that it calls."""
         return read_back_files(
             [table for table in tables if table.kind == SCREW], unit_mm(profile)
         )
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file sets matrixkins, or begins with three numbers and has the letter
-        of one axis in its name.
-        """
         first = file.data.split(b"\n", 1)[0].decode("ascii", errors="replace")
         return b"setp matrixkins." in file.data or (
             _three_numbers(first) is not None and axis_in(file.name) is not None

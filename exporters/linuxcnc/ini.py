@@ -48,7 +48,6 @@ class Naming:
     limits: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     def lines(self) -> list[tuple[str, str]]:
-        """Return the section and the text of each line, in the order of the file."""
         comp = [
             (f"[JOINT_{joint}]", line)
             for joint, name in sorted(self.comp.items())
@@ -148,7 +147,6 @@ def change(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlF
 
 
 def back(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFile:
-    """Return a note with the lines that change the INI file from ``after`` back to ``before``."""
     rows = [*_BACK, *(f"# {note}" for note in notes), *_changed(after, before)]
     return ControlFile(name=NAME, data=ascii_lines(rows), role="note")
 

@@ -137,8 +137,6 @@ def _naming(files: Sequence[ControlFile], profile: Profile, joints: Joints) -> N
 def _limits(
     held: Lattice | None, profile: Profile, joints: Joints
 ) -> Mapping[int, tuple[float, float]]:
-    """Return the limits of the joints in the machine's unit: the stated travel, widened by the
-    largest correction."""
     unit = 25.4 if profile.machine.units == "inch" else 1.0
     limits: dict[int, tuple[float, float]] = {}
     for index, letter in enumerate("XYZ"):
