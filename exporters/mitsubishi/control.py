@@ -53,8 +53,6 @@ _HEAD = ("pinc", "cmpax", "drcax", "rdvno", "mdvno", "pdvno", "sc", "spcdv")
 class MitsubishiOptions(
     msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
 ):
-    """The section ``[mitsubishi]`` of a profile."""
-
     output_unit_um: Annotated[float, msgspec.Meta(ge=0.001, le=1000)]
     data: Literal["incremental", "absolute"]
     first_data: Annotated[int, msgspec.Meta(ge=_FIRST_DATA, le=_LAST_DATA)] = _FIRST_DATA
@@ -73,8 +71,6 @@ data = "?"
 
 @dataclass(frozen=True, slots=True)
 class Mitsubishi:
-    """The Mitsubishi Meldas/M series, in the form of `exporters.tables.controller.Controller`."""
-
     name: str = "mitsubishi"
     title: str = "Mitsubishi Meldas / M series (parameters #4000 to #5124 as a list)"
     kinds: tuple[str, ...] = (KIND,)
@@ -116,7 +112,6 @@ class Mitsubishi:
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return the list of parameters, with ``#number value`` on each line."""
         counting = int(profile.options_as(MitsubishiOptions).data == "incremental")
         lines = [*(f"; {note}" for note in notes), f"#4000 {counting}"]
         for table in tables:
@@ -155,7 +150,6 @@ class Mitsubishi:
         return own_and_zeros(self, tables, profile, lambda table: table.place["pair"])
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file is a list of parameters, by its first parameter."""
         return b"#4000 " in file.data and b"#4001 " in file.data
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
