@@ -36,8 +36,6 @@ class NeutralOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
 
 @dataclass(frozen=True, slots=True)
 class Neutral:
-    """Neutral curves in the form of `exporters.tables.controller.Controller`."""
-
     name: str = NAME
     title: str = "neutral curves (CSV)"
     kinds: tuple[str, ...] = (KIND,)
@@ -91,7 +89,6 @@ class Neutral:
         return ()
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file begins with the header row."""
         return file.data.startswith(HEADER.encode("ascii"))
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
