@@ -212,9 +212,6 @@ def _ends_from(axis: AxisSection, volume: Volume | None, index: int) -> AxisSect
 def _existing(
     machine: MachineSection, files: Mapping[str, bytes], source: str
 ) -> tuple[ControlFile, ...]:
-    """Return the machine's own files of the profile. The export checks that they were active during
-    the measurement.
-    """
     missing = [name for name in machine.existing if name not in files]
     if missing:
         raise UsageError(
