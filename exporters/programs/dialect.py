@@ -30,12 +30,10 @@ class Job:
 
     @property
     def register(self) -> int:
-        """Return the number of the setup in the PLC's setup register."""
         return setup_code(self.setup, self.sequence.setups)
 
     @property
     def base(self) -> str:
-        """Return the name of the setup without its beam offset."""
         return setup_of(self.setup).base
 
     @property
@@ -112,7 +110,6 @@ class Dialect(ABC):
         return plain(value)
 
     def render(self, job: Job) -> str:
-        """Return the text of the program, with the control's line ends."""
         _check_increment(job)
         blocks = [self.comment(line) for line in self._header(job)]
         blocks += self.start()
@@ -209,7 +206,6 @@ class Dialect(ABC):
 
 
 def plain(value: float) -> str:
-    """Return the text of a number without exponent, trailing zeros and negative zero."""
     text = np.format_float_positional(value + 0.0, trim="-")
     return "0" if text == "-0" else text
 
@@ -235,7 +231,6 @@ def _check_increment(job: Job) -> None:
 
 
 def _spoken(setup: str) -> str:
-    """Return the name of a setup in characters that the comments of every control allow."""
     return setup.replace("+", " beam ").replace("-", " ")
 
 

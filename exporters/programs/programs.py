@@ -110,7 +110,6 @@ def default_signals(control: str) -> Signals:
 
 
 def default_decimals(control: str) -> int:
-    """Return the decimal places of the control's usual input increment in mm."""
     return _dialect(control).decimals
 
 

@@ -96,7 +96,6 @@ class Pass:
 
     @property
     def outward(self) -> bool:
-        """Return whether the pass leads away from the setup's first corner."""
         return self.number % 2 == 1
 
 
@@ -143,7 +142,6 @@ def travel_mm(sequence: Sequence, setup: str) -> Vector:
 
 
 def check(sequence: Sequence) -> None:
-    """Raise ``UsageError`` for a sequence that cannot be driven."""
     for name, number, least in (
         ("feed_mm_min", sequence.feed_mm_min, "above 0"),
         ("dwell_s", sequence.dwell_s, "above 0"),

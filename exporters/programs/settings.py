@@ -30,10 +30,6 @@ TEMPLATE = """\
 
 
 class ProgramSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The decimal places of a programmed position, and the texts of `Signals`; None means the
-    control's default.
-    """
-
     decimals: Annotated[int, msgspec.Meta(ge=0, le=6)] | None = None
     begin: str | None = None
     stand: str | None = None
