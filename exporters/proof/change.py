@@ -127,9 +127,6 @@ def _same(one: Vector, other: Vector) -> bool:
 
 
 def columns(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, Vector]:
-    """Return the effect of each function's tables on the laser's reading in um, concatenated over
-    all stops.
-    """
     seen: dict[str, Vector] = {}
     for table in tables:
         own = np.concatenate([way.seen_um(table) for way in ways])

@@ -97,7 +97,6 @@ class Proof:
 
     @property
     def action(self) -> Literal["keep", "restore", "undecided"]:
-        """Return the consequence of the verdicts on all tables."""
         states = {each.state for each in self.tables}
         if "wrong" in states:
             return "restore"
@@ -106,10 +105,6 @@ class Proof:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Explained:
-    """An explanation of the readings: the state of each function's tables, and the predicted effect
-    of all tables on the readings.
-    """
-
     states: Mapping[str, tuple[Code, float]]
     predicted_um: Vector
 
@@ -157,9 +152,6 @@ class _Case:
         return self.fit.misfit(explained.predicted_um)
 
     def parts(self, explained: _Explained, names: Sequence[str]) -> tuple[Vector, Vector]:
-        """Return the effect on the readings of some tables as exported, and of all other tables as
-        explained.
-        """
         together = sum((self.seen[name] for name in names), self.nothing)
         own = sum(
             (explained.states[name][1] * self.seen[name] for name in names), self.nothing
@@ -355,7 +347,6 @@ def _unseen(case: _Case, name: str, result: Result) -> Proved:
 
 
 def _size_um(case: _Case, name: str) -> float:
-    """Return the size of the tables of a function in um: the rms about their means."""
     values = [table.absolute_um for table in case.tables if table.name == name]
     return rms(np.concatenate([each - np.mean(each) for each in values]))
 
