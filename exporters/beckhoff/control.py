@@ -299,8 +299,8 @@ def _chain_held(options: BeckhoffOptions, source: str) -> str:
     If the axis parameters vz_istw and vz_stellgr reverse an axis on the workpiece side, the survey
     treats it as a tool axis, and the control must do the same. The angles of such an axis also
     displace the axis itself. The tool chain does not contain this displacement, so the curves of
-    the axis contain it. Raises ``UsageError`` if the chain has axes on the workpiece side and the
-    profile does not state ``turned``.
+    the axis contain this displacement. Raises ``UsageError`` if the chain has axes on the workpiece
+    side and the profile does not state ``turned``.
     """
     chain = options.chain or ""
     work, tool = parse_chain(chain)

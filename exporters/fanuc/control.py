@@ -204,7 +204,7 @@ class Fanuc:
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
         """Return the switches 8135#0 and 3605#0 of the axes with pitch data, if the machine's own
-        files contain these parameters. Not every series of controls has them.
+        files contain these parameters. Not every series of controls has these parameters.
         """
         needed = parameters_of(tables, profile, profile.options_as(FanucOptions))
         both = {

@@ -28,8 +28,8 @@ LAW = Law(sense="as-compensation")
 INCLINATION_POINTS = (5861, 5862, 5863, 5864)
 INCLINATION_VALUES = (5871, 5872, 5873, 5874)
 _CANDIDATES = 40
-"""Largest number of interior points that the search tries. They form 780 pairs, and each pair needs
-a fit of four numbers.
+"""Largest number of interior points that the search tries. 40 points form 780 pairs, and each pair
+needs a fit of four numbers.
 """
 
 

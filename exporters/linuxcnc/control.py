@@ -6,8 +6,8 @@ row of type 0 is ``nominal forward-actual reverse-actual``. Both actual values a
 so the file has no sign that could be wrong. The first line without three numbers ends the file
 without an alarm, so the file contains no comments. A file has at most 256 rows with rising nominal
 positions. The control interpolates linearly between rows, uses the end values outside, and adds the
-correction in joint space after the kinematics. It has no table for straightness; a finding names
-the straightness that remains.
+correction in joint space after the kinematics. LinuxCNC has no table for straightness; a finding
+names the straightness that remains.
 """
 
 import re

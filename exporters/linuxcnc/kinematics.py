@@ -1,11 +1,12 @@
 """LinuxCNC: compensation of the whole error field by the kinematics component of stepdiag, which
 reads a lattice when the control starts.
 
-LinuxCNC has no volumetric compensation. A kinematics module can provide it, because this module
-processes all axes together. The component ``stepdiagkins.c`` replaces ``trivkins``; ``halcompile``
-(package linuxcnc-uspace-dev) builds it on the control. The source code of the component shows its
-effect on the joints, so no sign test is needed. The lattice contains the mean of both directions.
-``BACKLASH`` corrects the reversal; a COMP_FILE would switch ``BACKLASH`` off.
+LinuxCNC has no volumetric compensation. A kinematics module can provide volumetric compensation,
+because this module processes all axes together. The component ``stepdiagkins.c`` replaces
+``trivkins``; ``halcompile`` (package linuxcnc-uspace-dev) builds it on the control. The source code
+of the component shows its effect on the joints, so no sign test is needed. The lattice contains the
+mean of both directions. ``BACKLASH`` corrects the reversal; a COMP_FILE would switch ``BACKLASH``
+off.
 
 LinuxCNC compares the limits of an axis ([AXIS_L]) with its command, and the limits of a joint
 ([JOINT_n]) with the output of the kinematics. At the ends of the travel, the correction moves a
@@ -64,8 +65,8 @@ def control_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[Cont
     lines for the INI file.
 
     The note removes the names of the machine's own files, because COMP_FILEs and coefficients would
-    act in addition to the lattice. It also widens the limits of the joints. Raises ``UsageError``
-    for joint numbers with a gap.
+    act in addition to the lattice. The note also widens the limits of the joints. Raises
+    ``UsageError`` for joint numbers with a gap.
     """
     file = lattice.render(held)
     before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))

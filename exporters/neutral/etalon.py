@@ -6,7 +6,8 @@ block begins with the ISO 230-1 name in square brackets. A position error has ``
 function ``Gridpoints = { position value .. }``. ``//`` begins a comment. Lengths are in mm, angles
 in rad (296426379). The format does not state the point from which the lever of an angle counts.
 stepdiag uses the zero of the axes, as a control does, and shifts the displacements by the levers of
-the measured corner. The format contains no kinematic chain, so the import command asks for it.
+the measured corner. The format contains no kinematic chain, so the import command asks for the
+chain.
 """
 
 import re

@@ -183,8 +183,8 @@ def _refuse_unknown_sections(
 def _refuse_unknown_kinds(
     records: Sequence[SignTestRecord], controller: Controller, source: str
 ) -> None:
-    """Raise UsageError for a sign test of a kind of table that the control does not have. Such a
-    test would prove nothing.
+    """Raise UsageError for a sign test of a kind of table that the control does not have. The sign
+    test of an unknown kind would prove nothing.
     """
     for index, record in enumerate(records):
         if record.kind not in controller.kinds:

@@ -85,7 +85,7 @@ class Dialect(ABC):
 
     @abstractmethod
     def start(self) -> list[str]:
-        """Return the first blocks of a program. They set known modes, refuse an active offset or
+        """Return the first blocks of a program, which set known modes, refuse an active offset or
         transformation, and halt until the operator continues.
         """
 

@@ -63,8 +63,8 @@ class Fanuc(Dialect):
         return text if "." in text else text + "."
 
     def start(self) -> list[str]:
-        """Return the first blocks. They set known modes, refuse any offset, rotation, scaling and
-        mirror image, and halt.
+        """Return the first blocks of the program, which set known modes, refuse any offset,
+        rotation, scaling and mirror image, and halt.
 
         ``G53`` alone on a block delays the reading of the positions until the axes have arrived.
         The positions show a shift. A rotation is visible only in its modal code.

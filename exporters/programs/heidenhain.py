@@ -113,8 +113,8 @@ class Heidenhain(Dialect):
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return the first blocks. They reset datum shift, mirroring, rotation and scaling, check
-        that none of these is active, and halt.
+        """Return the first blocks of the program, which reset datum shift, mirroring, rotation and
+        scaling, check that none of these is active, and halt.
         """
         return [
             "CYCL DEF 7.0 DATUM SHIFT",

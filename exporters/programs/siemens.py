@@ -64,8 +64,8 @@ class Siemens(Dialect):
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return the first blocks. They set known modes without tool offset and transformation, and
-        halt with a question on the screen.
+        """Return the first blocks of the program, which set known modes without tool offset and
+        transformation, and halt with a question on the screen.
 
         After every start the program compares the positions again, and continues only if they
         agree.

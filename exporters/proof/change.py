@@ -16,8 +16,8 @@ from stepdiag.exporters.safety.verdicts.regression import Measured, measured
 from stepdiag.exporters.tables.tables import Table, correction_um
 
 SAME_MM = 1.0
-"""Distance in mm above which two positions belong to different stops of a pass. Commanded and
-actual position of one stop are closer.
+"""Distance in mm above which two positions belong to different stops of a pass. The commanded and
+the actual position of one stop differ by less.
 """
 SCALE_UM_M = 5.0
 """Standard uncertainty in um/m of the change of a length between survey and proof run: 0.5 C in the

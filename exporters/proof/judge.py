@@ -12,7 +12,7 @@ the readings `NAMED` times as likely as before.
 Any other factor means a table of another size. Such a table is wrong if its size differs by more
 than `verdicts.regression` tolerates, and if this size is `SURE` times as likely as the nearest
 state. The second condition is tested twice: with the states of all other tables, and with any size
-of these. If only the first condition is true, the table is undecided.
+of all other tables. If only the first condition is true, the table is undecided.
 
 The state of a table is decided if every other state of this table alone, and of all tables of its
 kind, makes the readings `SURE` times less likely. The report shows the factor of the table with U.

@@ -36,7 +36,7 @@ _METRIC_ONLY = ("siemens", "fanuc", "heidenhain", "beckhoff", "mitsubishi", "fag
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
     """Input of the checks. ``previous`` contains the tables in the control now, as far as the
-    profile contains them. Only the age of a sign test depends on ``today``.
+    profile contains them. ``today`` is used only for the age of a sign test.
     """
 
     controller: Controller
@@ -166,7 +166,9 @@ def check_reference(case: Case) -> Iterator[Finding]:
 
 
 def check_travel(case: Case) -> Iterator[Finding]:
-    """Check 7: the table covers the travel of its axis; otherwise its end values act beyond it."""
+    """Check 7: the table covers the travel of its axis; otherwise the end values act beyond the
+    table.
+    """
     for table in case.tables:
         travel = case.profile.axis(table.input_axis).travel_mm
         if travel is None or table.law.ends == "extended" or not table.absolute_um.any():
@@ -289,8 +291,8 @@ def run_checks(case: Case, checks: Sequence[Check] = CHECKS) -> tuple[Finding, .
 
 
 LIMITS: tuple[Check, ...] = (check_values, check_slope, check_points, check_units)
-"""Checks that need only a control, a profile and a result. They also apply to tables from other
-sources than an export.
+"""Checks that need only a control, a profile and a result. These checks also apply to tables that
+no export has made.
 """
 
 

@@ -1,5 +1,5 @@
-"""The compensation that was active in the control during the measurement. The survey states it
-before the first pass, together with the active files.
+"""The compensation that was active in the control during the measurement. The survey file states
+the compensation and the active files before the first pass.
 
 Two exports make the machine worse: a table made from the residual error of a compensated machine
 that replaces the active table, and a table made from the uncompensated machine that is added to the

@@ -53,7 +53,7 @@ def gate_findings(case: Case, standing: Standing) -> Iterator[Finding]:
     """Yield the faults of the tables that a control reads from the written text: differences from
     the checked plan, limits and travel, and the verdicts of `verify`.
 
-    ``standing`` is the state of the control after it has read this text.
+    ``standing`` contains the tables of the control after it has read the written text.
     """
     profile, read = case.profile, standing.new
     written = {table.identity for table in read}

@@ -44,7 +44,7 @@ STEPS: Mapping[str, str] = {
     "mitsubishi": "Write the parameters out again, or key the list back in from the screen.",
     "fagor": "Copy the leadscrew tables out of the control again.",
 }
-"""For each control, the step that reads its numbers out after loading."""
+"""The step after loading that reads the numbers out of a control, by the name of the control."""
 _UNIT_SHARE = 0.51
 """Largest difference of two equal numbers, in units of the last digit: half a unit and the rounding
 of a float.

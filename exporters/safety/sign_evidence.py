@@ -149,8 +149,8 @@ class Subject:
     system: str
 
     def covers(self, record: SignTestRecord) -> bool:
-        """Return whether a record is about this machine, control and measuring system, and names
-        its bump and its runs.
+        """Return whether a record is about this machine, control and measuring system, and contains
+        the hashes of its bump and its runs.
         """
         same = (
             same_name(record.machine, self.machine)

@@ -52,7 +52,7 @@ cause.
 
 _BESIDE = 5.0
 """Share of the expected movement above which a control adds two linked tables instead of their
-product. Such a control moves the axis ten times as far.
+product. A control that adds linked tables moves the axis ten times as far.
 """
 
 
@@ -60,9 +60,9 @@ product. Such a control moves the axis ten times as far.
 class Bump:
     """A sign test ready for loading, with the movement that the control's stated law predicts.
 
-    ``files`` are loaded into the control for the test, ``restore`` after it. ``beyond_mm`` is the
-    position where the movement ends; None for a ramp, which is the table of a control with a slope
-    and no curve.
+    ``files`` are loaded into the control for the test, ``restore`` after the test. ``beyond_mm`` is
+    the position where the movement ends; None for a ramp, which is the table of a control with a
+    slope and no curve.
     """
 
     function: str

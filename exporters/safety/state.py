@@ -8,9 +8,9 @@ this function the survey measures
     measured = e (1 +- CHANGED) - k e           compensation on
 
 so the share a = <measured, old> / <old, old>, with old = k e, is 1 / k for "off" and 1 / k - 1 for
-"on". k is log-normal around 1 (`SIZES`), with one k for all tables of a kind. The share has an
-uncertainty from that of the result. The odds of "on" against "off" are the ratio of the likelihoods
-of all shares of a kind, integrated over k.
+"on". k is log-normal around 1 (`SIZES`), with one k for all tables of a kind. The uncertainty of
+the result gives an uncertainty of the share. The odds of "on" against "off" are the ratio of the
+likelihoods of all shares of a kind, integrated over k.
 
 A table of another machine, or from before a repair, has any share (`ALIEN`), and its function has
 another shape: the part of the function beside the share exceeds CHANGED of e, which is evidence
@@ -59,8 +59,8 @@ CHANGED = 0.15
 function.
 """
 SEEN = 0.3
-"""Largest standard uncertainty of a share that is evidence. Above it, the old table is no larger
-than the uncertainty of the survey.
+"""Largest standard uncertainty of a share that is evidence. With a larger uncertainty, the old
+table is no larger than the uncertainty of the survey.
 """
 CERTAIN, DOUBTED = 20.0, 4.0
 """Odds that decide, and odds against a statement above which a person is asked."""
@@ -304,9 +304,9 @@ def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iter
     """Yield, for each kind of table, the finding of the data about the ``stated`` compensation
     ("on" or "off").
 
-    The finding is an error if the data contradict the statement. It is a warning if the data make
-    the statement doubtful, or show a single table in the other state. It is the warning `UNPROVEN`
-    if the data do not confirm the statement.
+    The finding is an error if the data contradict the statement. The finding is a warning if the
+    data make the statement doubtful, or show a single table in the other state. The finding is the
+    warning `UNPROVEN` if the data do not confirm the statement.
     """
     for group in judged(shares(result, tables)):
         each = [
@@ -344,7 +344,7 @@ def _key(
 
 
 def proof_needed(findings: Iterable[Finding]) -> bool:
-    """Return whether the data leave open which tables were active during the measurement. Then a
-    proof run decides, and the prediction is not valid before it.
+    """Return whether the data leave open which tables were active during the measurement. In this
+    case a proof run decides, and the prediction is not valid before the proof run.
     """
     return any(each.code == CONTRADICTED for each in findings)

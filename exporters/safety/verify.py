@@ -101,7 +101,7 @@ class Prediction:
     anywhere: Effect
     drawn: Effect
     predicted: Predicted
-    """The predicted figures as intervals."""
+    """The predicted error before and after compensation, as intervals."""
 
     @property
     def volume(self) -> Volume:

@@ -21,7 +21,9 @@ from stepdiag.exporters.tables.tables import Law, Sense, Table
 
 KIND = "cec"
 TIMES = "times table"
-"""Key in the place of a multiplied table; its value is the index of the multiplying table."""
+"""Key in ``Table.place`` of a multiplied table, with the index of the multiplying table as
+value.
+"""
 _AXES = ("AN_CEC_INPUT_AXIS", "AN_CEC_OUTPUT_AXIS")
 _GRID = ("AN_CEC_STEP", "AN_CEC_MIN", "AN_CEC_MAX")
 _MODES = ("AN_CEC_DIRECTION", "AN_CEC_MULT_BY_TABLE", "AN_CEC_IS_MODULO")

@@ -232,8 +232,8 @@ class Siemens:
         return tuple(files)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables in data files and part programs. A table in two files must have equal
-        values in both.
+        """Return the tables in data files and part programs. A table that is in two files must have
+        equal values in both files.
         """
         found: dict[tuple[str, str], tuple[Table, str]] = {}
         for file in files:

@@ -3,7 +3,8 @@
 A data file contains ``%_N_<name>_INI``, an optional ``METRIC``, ``CHANDATA(1)``, assignments and
 ``M17`` (controllers.md 3.1, 3.2: samples in manuals, and a production archive, which has no ``%``
 line and starts with ``METRIC``). Comments begin with ``;``. A part program contains the same
-assignments among statements. The reader skips its loops, which set surplus points to zero.
+assignments among statements. The reader skips the loops of a part program, which set surplus points
+to zero.
 """
 
 import re
@@ -171,8 +172,8 @@ def grid_mm(start: float, step: float, end: float, written: int, where: str) -> 
     """Return the positions of a table in the control, from ``start`` to ``end``.
 
     A table from another program may end between two points (controllers.md 3.2, MAX 950 with STEP
-    100). Then ``end`` is the last position. Raises ``DataError`` for an impossible grid, and for a
-    grid with more points than ``written``.
+    100). For such a table, ``end`` is the last position. Raises ``DataError`` for an impossible
+    grid, and for a grid with more points than ``written``.
     """
     if step <= 0 or end <= start:
         raise DataError(

@@ -162,7 +162,7 @@ def _points(assignments: Sequence[str]) -> int:
 
 def _zero_surplus(variable: str, size: str, written: int) -> list[str]:
     """Return the loop that sets the points after the end of the table to zero. Without this loop,
-    they would keep their old values (K3, CAUTION).
+    these points would keep their old values (K3, CAUTION).
     """
     return [f"FOR POINT={written} TO {size}-1", f"{variable}=0", "ENDFOR"]
 

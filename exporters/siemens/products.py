@@ -5,9 +5,9 @@ Function manual K3 (6FC5397-1BP40-3BA1): the product is added to the total compe
 output axis (p. 245). ``$AN_CEC_MULT_BY_TABLE[t]`` contains the NUMBER, index + 1, of the table that
 multiplies table t (p. 249). In the example of p. 252 X1 moves only by the product of a tilt along
 X1 and a straight line along Z1, so two linked tables apply only their product. The manual does not
-state this explicitly. So both tables get values of about 0.1 mm, instead of an error and a factor
-of one. If a control adds the tables themselves, the sign test moves the axis by about 0.1 mm,
-without damage, and reports it.
+state this explicitly. So the multiplied and the multiplying table get values of about 0.1 mm,
+instead of an error and a factor of one. If a control adds the tables themselves, the sign test
+moves the axis by about 0.1 mm, without damage, and reports it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -2,8 +2,8 @@
 tables that the machine did not have.
 
 Loading the old files does not remove a new table: it would stay active beside the old tables. So
-the restore files contain every table that an export writes. They are data files (the machine's own
-bytes, and a file of zeros) and part programs with the checks of
+the restore files contain every table that an export writes. The restore files are data files (the
+machine's own bytes, and a file of zeros) and part programs with the checks of
 `stepdiag.exporters.siemens.loader`. The part programs also switch off the tables that the machine
 did not have.
 """

@@ -47,7 +47,7 @@ class Angle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """The curves and angles of a machine. Together they move the tool as the fit does."""
+    """The curves and angles of a machine, which together move the tool as the fit does."""
 
     curves: tuple[Curve, ...]
     angles: tuple[Angle, ...]

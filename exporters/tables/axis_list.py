@@ -1,8 +1,8 @@
 """Controls whose tables are typed in by hand: a list for each axis with the error in + and in -
 direction.
 
-Such controls differ only in the fields of `AxisList`: name, heading, law and sizes. They have no
-cross table, so the straightness errors stay in the machine.
+Such controls differ only in the fields of `AxisList`: name, heading, law and sizes. Such controls
+have no cross table, so the straightness errors stay in the machine.
 """
 
 from collections.abc import Iterator, Sequence

@@ -20,7 +20,7 @@ from stepdiag.exporters.tables.tables import Table
 
 PLAUSIBLE_SLOPE_UM_MM = 0.8
 """Largest plausible slope of a guideway or screw along its travel, for a control without a limit
-(controllers.md 10.4): 800 urad. It is twice the limit for a whole axis in
+(controllers.md 10.4): 800 urad. The slope is twice the limit for a whole axis in
 `exporters.tables.profile.WARN_UM_M`, because straightness has bends and also contains the
 squareness.
 """
@@ -88,8 +88,8 @@ class Multiplying(Protocol):
 
 @runtime_checkable
 class Pairing(Protocol):
-    """A control with one number for the squareness of a pair of axes. It corrects both straightness
-    functions of the pair or none.
+    """A control with one number for the squareness of a pair of axes. Such a control corrects both
+    straightness functions of the pair or none.
     """
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:

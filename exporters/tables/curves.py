@@ -23,8 +23,8 @@ STRAIGHTNESS = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 FUNCTIONS = POSITIONING + STRAIGHTNESS
 """The nine functions that a table with an input and an output axis can correct."""
 SIGNIFICANT = 3.0
-"""Number of standard uncertainties above which a reversal is significant. Chance does not exceed it
-at any of some ten positions.
+"""Number of standard uncertainties above which a reversal is significant. A reversal by chance does
+not exceed this number at any of some ten positions.
 """
 
 SQUARENESS_SLOPE: Mapping[str, Mapping[str, float]] = MappingProxyType(

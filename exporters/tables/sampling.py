@@ -14,9 +14,9 @@ def sampled_um(curve: Curve, profile: Profile) -> tuple[Vector, Vector, Vector]:
     """Return the grid in mm, and the errors for travel in + and in - in um. The error in + is zero
     at the reference position of the axis.
 
-    With ``machine.direction = "mean"`` both errors are the mean. Otherwise the error in - at the
-    reference is the reversal there. The interpolated table, and not the curve, is zero at the
-    reference, because the reference need not be a point of the grid.
+    With ``machine.direction = "mean"`` both errors are the mean. With tables for both directions,
+    the error in - at the reference position is the reversal. The interpolated table, and not the
+    curve, is zero at the reference, because the reference need not be a point of the grid.
     """
     grid = profile.grid_mm(curve.input_axis)
     if profile.machine.direction == "mean":

@@ -109,8 +109,8 @@ class TableCase:
         return replace(curve, forward_um=curve.mean_um - steps, reverse_um=None)
 
     def sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
-        """Return the movement by tables at positions, in um. It is the mean of both directions, and
-        straight lines join the steps.
+        """Return the movement by tables at positions, in um: the mean of both directions, with
+        straight lines in place of steps.
 
         If the judged table is a curve, a product counts with its mean over the other axis. If the
         judged table is a product, its growth from the middle of the volume to the end of the lever

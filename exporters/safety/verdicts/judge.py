@@ -24,8 +24,8 @@ from stepdiag.exporters.tables.tables import Table
 def judge(
     result: Result, tables: Sequence[Table], standing: Standing, profile: Profile
 ) -> tuple[Judgement, ...]:
-    """Return a judgement for every table, in order. It is based on the effect of all tables that
-    are active in the control after loading, including old tables.
+    """Return a judgement for every table, in order, by the effect of all tables that are active in
+    the control after loading, including old tables.
 
     Tables that act together (two directions, two kinds for a function) are judged by their sum. A
     table of a function that was not requested and stays as before is "kept".
@@ -137,8 +137,8 @@ def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
     um/mm that together only rotate the workpiece.
 
     This rotation changes from calibration to calibration, with old tables, levers, and the function
-    that contains a squareness. It raises the slope of one function by as much as it lowers the
-    slope of the other function.
+    that contains a squareness. The rotation raises the slope of one function by as much as it
+    lowers the slope of the other function.
     """
     left = {
         case.table.name: case.slope_left_um_mm(curves[0])

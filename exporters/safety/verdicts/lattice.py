@@ -1,8 +1,8 @@
 """Verdicts on a lattice, function by function: its correction is separated into curves (means over
 the other two axes) and products (parts proportional to a lever).
 
-These curves and products are the best tables for the lattice (`tables.fit`), so they get the
-verdicts of tables.
+These curves and products are the best tables for the lattice (`tables.fit`), so the verdicts on
+tables apply.
 """
 
 from collections.abc import Callable, Iterator

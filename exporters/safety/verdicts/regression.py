@@ -1,4 +1,4 @@
-"""The test whether a table is right. Only this module makes this decision.
+"""The test whether a table is right. No other module decides whether a table is right.
 
 The movement by the files, under the control's law, is regressed on the request of the result,
 function by function:
