@@ -86,9 +86,6 @@ class Beckhoff:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> BeckhoffOptions:
-        """Return the options for an export without a profile: volumetric file, logical axes 1, 2,
-        3.
-        """
         return BeckhoffOptions(way="volumetric", axis_numbers={"X": 1, "Y": 2, "Z": 3})
 
     def limits(self, table: Table, profile: Profile) -> Limits:

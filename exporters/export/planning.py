@@ -110,7 +110,6 @@ def _once(
 
 
 def _names(result: Result, control: Controller, profile: Profile) -> Sequence[str]:
-    """Return the requested functions, and the functions that this control needs in addition."""
     asked = profile.machine.functions
     if not isinstance(control, Pairing):
         return asked

@@ -150,9 +150,6 @@ def export_kinematics(
 
 
 def _active(profile: Profile) -> Lattice | None:
-    """Return the lattice that was active during the measurement, None without a compensation.
-    Raises ``SafetyError`` if a compensation of another kind was active.
-    """
     if profile.machine.measured_with == "off":
         return None
     return lattice.parse(lattice.the_one_in(profile.existing, profile.source))

@@ -59,9 +59,6 @@ class Fanuc:
     options_template: str = TEMPLATE
 
     def quick_options(self) -> FanucOptions:
-        """Return the options for an export without a profile: detection unit 1 um, axes 1 2 3,
-        reference points 100, 300, 500.
-        """
         axes = {
             letter: AxisPoints(number=n, reference_point=200 * n - 100)
             for n, letter in enumerate("XYZ", start=1)
@@ -79,9 +76,6 @@ class Fanuc:
         )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return pitch tables for positioning errors, inclination tables if the profile requests
-        them, and four-point tables for straightness.
-        """
         masters = [read_punch(file) for file in profile.existing]
         wide = [
             curve

@@ -126,5 +126,4 @@ def whole(text: str, where: str) -> int:
 
 
 def shown(text: str) -> str:
-    """Return a text in quotes for a message, shortened if it is long."""
     return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..")

@@ -218,9 +218,6 @@ def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> 
 def _kinematics(
     column: str, value: Vector, like: Table, profile: Profile, how: Reading, levers: Vector
 ) -> Iterator[Table]:
-    """Yield the tables of the movements by a column of C1 to C6. A displacement along the axis
-    itself is left out if it is zero.
-    """
     letter = like.input_axis
     if column in TURNS:
         angle = Angle(

@@ -91,7 +91,6 @@ class Heidenhain:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> HeidenhainOptions:
-        """Return the options for an export without a profile: the newer generation of controls."""
         return HeidenhainOptions(generation="tnc640")
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - the same for every table

@@ -89,9 +89,6 @@ class LinuxCnc:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> LinuxCncOptions:
-        """Return the options for an export without a profile: joints 0, 1, 2 for X, Y, Z, as with
-        ``trivkins coordinates=XYZ``.
-        """
         return LinuxCncOptions(joints={"X": [0], "Y": [1], "Z": [2]})
 
     def limits(self, table: Table, profile: Profile) -> Limits:
@@ -191,9 +188,6 @@ class LinuxCnc:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the tables that are active after loading: the COMP_FILEs and the HAL file in the
-        INI file.
-        """
         return overwritten(
             self.parse(own, profile),
             self.parse(new, profile),
@@ -480,9 +474,6 @@ def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
 
 
 def _comp_rows(file: ControlFile) -> Iterator[tuple[float, float, float]]:
-    """Yield the rows of a COMP_FILE. Raises DataError for a line that the control would read as the
-    end of the file.
-    """
     last = -np.inf
     for where, line in read_lines(file):
         row = _three_numbers(line)

@@ -151,9 +151,6 @@ def _limits(
 
 
 def _limits_unstated(held: Lattice, profile: Profile, joints: Joints) -> Iterator[str]:
-    """Yield a note with the necessary shift of the joint limits, for each axis without a stated
-    travel.
-    """
     for index, letter in enumerate("XYZ"):
         if profile.axis(letter).travel_mm is None:
             names = ", ".join(f"[JOINT_{joint}]" for joint in joints.get(letter, ()))
@@ -165,7 +162,6 @@ def _limits_unstated(held: Lattice, profile: Profile, joints: Joints) -> Iterato
 
 
 def _largest_mm(held: Lattice, axis: int) -> float:
-    """Return the largest correction of an axis in mm, as the next whole micrometre above it."""
     return (math.floor(float(np.max(np.abs(held.vectors_um[..., axis])))) + 1) / 1000.0
 
 

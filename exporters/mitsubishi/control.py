@@ -78,7 +78,6 @@ class Mitsubishi:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> MitsubishiOptions:
-        """Return the options for an export without a profile: increments in units of 0.5 um."""
         return MitsubishiOptions(output_unit_um=0.5, data="incremental")
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
@@ -90,9 +89,6 @@ class Mitsubishi:
         )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return one table for each curve, with the smallest scale that keeps the data within -128
-        to 127.
-        """
         options = profile.options_as(MitsubishiOptions)
         tables: list[Table] = []
         number = options.first_data

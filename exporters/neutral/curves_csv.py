@@ -49,7 +49,6 @@ class Neutral:
         return Limits()
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return a table for every curve on the profile's grid, rounded to a nanometre."""
         quantum_um = 10.0**-_DECIMALS
         planned = [
             absolute_tables(

@@ -78,9 +78,6 @@ def render(result: Result) -> ControlFile:
 
 
 def _lever_um(result: Result, name: str, mask: Vector, origin: Vector) -> Vector:
-    """Return the effect of the angles of an axis on a displacement function through the lever of
-    the measured corner, in um at the positions of the function.
-    """
     axis, component = "XYZ".index(name[2]), "XYZ".index(name[1])
     at = result.errors[name].position_mm
     turns = np.column_stack(

@@ -103,9 +103,6 @@ def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]
 
 
 def default_signals(control: str) -> Signals:
-    """Return the default texts by which a program of the control sends signals to the PLC. Raises
-    ``UsageError`` for an unknown control.
-    """
     return _dialect(control).signals
 
 

@@ -332,9 +332,6 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
 
 
 def _unseen(case: _Case, name: str, result: Result) -> Proved:
-    """Return the verdict on tables that do not change the readings of the driven setups: every
-    state is possible.
-    """
     return Proved(
         function=name,
         kind=case.kinds[name],

@@ -342,8 +342,6 @@ def untested_kinds(case: Case) -> tuple[str, ...]:
 
 
 def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
-    """Return the summed correction of tables at the points of one of them, in its direction of
-    travel."""
     return summed_um(tables, grid_of.position_mm, grid_of.direction or 1)
 
 
@@ -365,7 +363,6 @@ def _measured_mm(result: Result, table: Table) -> float:
 
 
 def _most(limit: float | None) -> float:
-    """Return a limit of a control; None means infinity. A limit of zero is a limit."""
     return np.inf if limit is None else limit
 
 

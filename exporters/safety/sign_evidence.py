@@ -114,9 +114,6 @@ def require_sound(test: Bump, run: SignRun, known: Vector) -> None:
 
 
 def _share(column: Vector, beside: Vector, values: Vector) -> tuple[float, float]:
-    """Return the coefficient of a column in values, with free coefficients for the columns
-    ``beside`` it, and its standard uncertainty from the scatter.
-    """
     own, rest = _without(beside, column), _without(beside, values)
     size = float(own @ own)
     if size < NOISE_UM**2:

@@ -73,8 +73,6 @@ def from_readings(off: Readings, on: Readings, axis: str) -> SignRun:
 
 
 def _by_position(readings: Readings, axis: str, state: str) -> dict[float, float]:
-    """Return the mean actual position in um at each commanded position in mm, ascending; a pass
-    counts from its own first stop."""
     along = readings.position_mm[:, AXES.index(axis.lower())]
     actual: dict[float, list[float]] = {}
     for key, rows in readings.passes().items():

@@ -187,18 +187,12 @@ def _squareness_of(function: str) -> tuple[str, ...]:
 
 
 def _levers(base: str) -> str:
-    """Return the axes that can be a lever of an error: all except the axis that causes the
-    error.
-    """
     return "XYZ".replace(base[2], "")
 
 
 def _product_plan(
     controller: Controller, profile: Profile, function: str, shape_um: Vector
 ) -> Plan:
-    """Return the plan of a single product. Its lever grows from -1 to +1 over the travel of its
-    other axis.
-    """
     ends = profile.grid_mm(function[4])[[0, -1]]
     product = Product(
         output_axis=function[1],

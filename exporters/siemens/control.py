@@ -100,9 +100,6 @@ class Siemens:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> SiemensOptions:
-        """Return the options for an export without a profile: the first measuring system, and CEC
-        tables from index 0.
-        """
         return SiemensOptions(measuring_system=1)
 
     def limits(self, table: Table, profile: Profile) -> Limits:
@@ -185,9 +182,6 @@ class Siemens:
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return ``AX_EEC.INI`` and ``NC_CEC.INI`` with the part programs ``LOAD_EEC.MPF`` and
-        ``LOAD_CEC.MPF`` that write the same values.
-        """
         options = profile.options_as(SiemensOptions)
         acted, held = profile.machine.measured_with == "on", restore.held_lines(profile)
         eec_loads = [
@@ -356,7 +350,6 @@ class Siemens:
         return (read_back.program(tables, profile),)
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return the values of MD32700, MD32710, SD41300 and SD41310 after the loading programs."""
         return read_back.switches(tables, profile)
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
@@ -434,9 +427,6 @@ def _seat(table: Table) -> tuple[str, str]:
 
 
 def _acts(table: Table, profile: Profile) -> bool:
-    """Return whether a table belongs to the measuring system in use (true for an assumed
-    profile).
-    """
     used = profile.options_as(SiemensOptions).measuring_system
     return profile.assumed or table.place.get("measuring system", used) == used
 
@@ -534,9 +524,6 @@ def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Findi
 
 
 def _require_full_effect(file: ControlFile, table: Table, profile: Profile) -> None:
-    """Raise ``DataError`` for a table that the part program in its file switches off or weights. A
-    table of zeros may be off.
-    """
     if not is_program(file) or not table.value_um.any():
         return
     if table.kind == eec.KIND:

@@ -81,7 +81,6 @@ def read_points(
 
 
 def _quantum_um(written: Mapping[int, Assignment]) -> float:
-    """Return the unit in um of the last decimal place in a file, at most 0.1 um (four decimals)."""
     decimals = max(
         (len(item.value.partition(".")[2]) for item in written.values()), default=4
     )

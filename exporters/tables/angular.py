@@ -123,9 +123,6 @@ def _relative_urad(
     profile: Profile,
     grid: Vector,
 ) -> Vector | None:
-    """Return the values of an angle minus their mean, in urad, from the first product with this
-    angle; None without such a product.
-    """
     for product in products:
         output, by = _LETTERS.index(product.output_axis), _LETTERS.index(product.by_axis)
         sign = _sign(turn, by, output)

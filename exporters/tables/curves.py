@@ -96,9 +96,6 @@ class Curve:
         return np.interp(position_mm, self.position_mm, self.toward(direction))
 
     def toward(self, direction: int) -> Vector:
-        """Return the values at the nodes for travel in ``direction`` (+1, -1, or 0 for the mean of
-        both).
-        """
         if self.reverse_um is None:
             return self.forward_um
         return (self.mean_um, self.forward_um, self.reverse_um)[direction]
@@ -199,9 +196,6 @@ def _significant(name: str, reversal: Function) -> bool:
 
 
 def _half_reversal(result: Result, name: str, position_mm: Vector) -> Vector | None:
-    """Return half of the reversal (approach in + minus approach in -) at the positions; None if the
-    reversal is unknown or not significant.
-    """
     reversal = result.reversal.get(name)
     if reversal is None or reversal.value is None or not _significant(name, reversal):
         return None

@@ -224,7 +224,6 @@ def _of_table(table: Table) -> _Term:
 
 
 def _mean(term: _Term, ends: Sequence[tuple[float, float]]) -> float:
-    """Return alpha_bar, the mean of the term's angle over the zone."""
     fine = np.linspace(*ends[term.input], _FINE)
     return float(
         np.trapezoid(np.interp(fine, term.position_mm, term.per_mm_um), fine)
@@ -234,8 +233,6 @@ def _mean(term: _Term, ends: Sequence[tuple[float, float]]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Added:
-    """The values that the levers add to a curve, zero at the first position."""
-
     position_mm: Vector
     value_um: Vector
     u_um: Vector
@@ -262,9 +259,6 @@ def _added(
     ends: Sequence[tuple[float, float]],
     result: Result,
 ) -> _Added:
-    """Return the sum of the first two summands of all terms that move ``output`` along the axis
-    ``moving``.
-    """
     index = _LETTERS.index(moving)
     at = np.unique(
         np.concatenate(

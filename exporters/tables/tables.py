@@ -250,9 +250,6 @@ def _extended(at: Vector, position: Vector, value: Vector, inside: Vector) -> Ve
 def total_correction_um(
     tables: Iterable[Table], points_mm: Vector, direction: int = 1
 ) -> Vector:
-    """Return the displacement of the tool by all tables together at commanded points, shape
-    (N, 3).
-    """
     total = np.zeros(np.shape(points_mm))
     for table in tables:
         moved = correction_um(
@@ -279,9 +276,6 @@ def joined(table: Table) -> Table:
 
 
 def same_lever(one: Table, other: Table) -> bool:
-    """Return whether two tables have the same multiplier (the same numbers along the same axis) or
-    both have none.
-    """
     if one.multiplier is None or other.multiplier is None:
         return one.multiplier is other.multiplier
     there = other.multiplier.at(one.multiplier.position_mm)

@@ -78,9 +78,6 @@ class TableCase:
         )
 
     def place_mm(self, curve: Curve, fit: Fit) -> float:
-        """Return the point of the table that is nearest to the largest residual of a regression on
-        a curve.
-        """
         own = self.table.position_mm
         at = _common_mm(curve, own)[fit.largest_index]
         return float(own[np.argmin(np.abs(own - at))])
@@ -95,7 +92,6 @@ class TableCase:
         return [float(shift) for shift in shifts if abs(shift) > ROUNDING_MM]
 
     def slope_left_um_mm(self, curve: Curve) -> float:
-        """Return the slope in um/mm of the residual of a curve."""
         at = _common_mm(curve, curve.position_mm)
         left = self.sum_um(self.together, at) - self.sum_um(self.before, at) + curve.at(at)
         return float(np.polyfit(at, left, 1)[0])
@@ -144,7 +140,6 @@ class TableCase:
         return along * float(np.mean(even * across)) / rms(even) ** 2
 
     def travel_mm(self, letter: str) -> Vector:
-        """Return points from end to end of the measured travel of an axis X, Y or Z."""
         return self.volume.even_mm(AXES.index(letter.lower()), POINTS)
 
 

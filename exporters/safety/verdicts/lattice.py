@@ -92,9 +92,6 @@ def _curve(name: str, moved_um: Moved, at_mm: Vector, volume: Volume) -> Table:
 
 
 def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
-    """Yield the part that grows with a lever, for every output, axis and lever where it exceeds
-    rounding.
-    """
     for output, (moving, by) in product("XYZ", permutations(range(3), 2)):
         name, at = f"E{output}{'XYZ'[moving]}", volume.nodes_mm(moving)
         grown = growing_um(moved_um, volume, f"{name}*{'XYZ'[by]}")
