@@ -1,6 +1,5 @@
-"""Controller files: their generation from a result, and the reading of existing files.
+"""Compensation files for a control: written from a result, and read from existing files.
 
-Input: a result and a machine's profile. Output: files for the control, restore files, and the
-effect of the files on the machine. The packages of this floor, from the lowest: files, tables,
-programs and one package a maker, profiles, safety, export. `daq` and `stepdiag` import this floor.
+The packages import each other in this order, from the lowest: files, tables, programs and one
+package per maker, profiles, safety, export.
 """

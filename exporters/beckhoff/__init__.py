@@ -1,5 +1,1 @@
-"""Beckhoff and ISG: volumetric CSV and parameter lists.
-
-Input: tables. Output: files of this control, and tables read back from such files.
-`profiles.registry` imports this package.
-"""
+"""Beckhoff and ISG: volumetric CSV files and parameter lists."""

@@ -1,13 +1,13 @@
 """Beckhoff TwinCAT CNC and the ISG kernel: volumetric error file (ISG_CSV), or axis lists with
 ``kw.ssfk`` and ``kw.crosscomp``.
 
-TF5200 axis compensation (leadscrew: pages 308687883, 308695435, 15327297547; cross: 308709003,
-P-COMP-00004 to 00007) and TF5280 volumetric compensation (296429067, 296390283, 296423819,
-296426379) of infosys.beckhoff.com. The leadscrew value is actual minus setpoint, according to a
-worked example. The volumetric file contains the ISO 230-1 errors themselves; ``negate`` reverses
-the sense in which the control uses them. No public page states the sense of the cross value, so the
-profile must state it. With ``chain`` the volumetric file contains all errors: components, angles
-with their levers in the kernel's own model of the axes, and the squarenesses.
+Sources at infosys.beckhoff.com: TF5200 axis compensation (leadscrew: pages 308687883, 308695435,
+15327297547; cross: 308709003, P-COMP-00004 to 00007) and TF5280 volumetric compensation (296429067,
+296390283, 296423819, 296426379). A worked example shows that a leadscrew value is actual minus
+setpoint. The volumetric file contains the ISO 230-1 errors; ``negate`` reverses the sense in which
+the control applies them. No public page states the sense of a cross value, so the profile must
+state it. With ``chain`` in the profile, the volumetric file contains position errors, angles and
+squarenesses, and the control computes the effect of the levers of the angles.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,10 +41,6 @@ _CSV_NAME = "volumetric_errors.csv"
 
 
 class BeckhoffOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The section ``[beckhoff]`` of a profile: the choice of file, the logical axis numbers, the
-    senses of the values, the sizes of the tables.
-    """
-
     way: Literal["volumetric", "lists"]
     axis_numbers: dict[str, int]
     chain: str | None = None
@@ -83,8 +79,6 @@ axis_numbers = "?"            # logical axis numbers, such as { X = 1, Y = 2, Z 
 
 @dataclass(frozen=True, slots=True)
 class Beckhoff:
-    """The control TwinCAT CNC in the form of `exporters.tables.controller.Controller`."""
-
     name: str = "beckhoff"
     title: str = "Beckhoff TwinCAT CNC / ISG kernel (ISG_CSV, ssfk and crosscomp lists)"
     kinds: tuple[str, ...] = (VOLCOMP, ANGLE, SSFK, CROSS)
@@ -92,11 +86,9 @@ class Beckhoff:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> BeckhoffOptions:
-        """Return the options of a provisional export: the volumetric file, axes 1, 2, 3."""
         return BeckhoffOptions(way="volumetric", axis_numbers={"X": 1, "Y": 2, "Z": 3})
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return the sizes of the tables in the control."""
         options = profile.options_as(BeckhoffOptions)
         # kw_nr_max and last_index must stay below max_points (P-COMP-00059, P-COMP-00060).
         points = {
@@ -108,7 +100,6 @@ class Beckhoff:
         return Limits(points=points[table.kind])
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return the components of the volumetric file, or ssfk and crosscomp tables."""
         options = profile.options_as(BeckhoffOptions)
         tables = (
             _volumetric(curves, profile, options)
@@ -120,9 +111,6 @@ class Beckhoff:
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the tables of the curves, and with ``chain`` also a product for every lever of
-        each angle.
-        """
         options = profile.options_as(BeckhoffOptions)
         if options.chain is None or options.way != "volumetric":
             return self.plan(curves, profile)
@@ -148,9 +136,6 @@ class Beckhoff:
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return the volumetric file with the lines of its configuration, or a file
-        ``achskw<n>.lis`` per axis.
-        """
         options = profile.options_as(BeckhoffOptions)
         if options.way == "lists":
             return tuple(
@@ -176,8 +161,8 @@ class Beckhoff:
         )
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return ``lr_param.ssfk`` of each axis with a leadscrew list; none for a volumetric file,
-        because the NC program activates it.
+        """Return ``lr_param.ssfk`` of each axis with a leadscrew list. A volumetric file has no
+        switch, because the NC program activates it.
         """
         numbers = profile.options_as(BeckhoffOptions).axis_numbers
         return {
@@ -187,9 +172,6 @@ class Beckhoff:
         }
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return the switches ``lr_param.ssfk`` from axis lists that were copied from the
-        control.
-        """
         lists = [file for file in without_notes(files) if b"kw." in file.data]
         return {
             name: value
@@ -198,7 +180,6 @@ class Beckhoff:
         }
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables of ISG_CSV files and axis lists."""
         options = profile.options_as(BeckhoffOptions)
         tables: list[Table] = []
         for file in without_notes(files):
@@ -228,31 +209,27 @@ class Beckhoff:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the tables that are active after loading: a new volumetric file or axis list
-        replaces the old one as a whole.
+        """Return the tables that are active after loading. A new volumetric file or axis list
+        replaces the old file or list completely.
         """
         held, loaded = (self.parse(files, profile) if files else () for files in (own, new))
         return overwritten(held, loaded, _seat)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the machine's own volumetric file and axis lists as restore files, with zeros for
-        a file that the machine did not have.
+        """Return the machine's own volumetric file and axis lists. A file that the machine did not
+        have is restored as zeros.
         """
         return own_and_zeros(self, tables, profile, _seat)
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file is an axis list with compensation, or has a heading of component
-        errors."""
         return any(
             word in file.data for word in (b"kw.ssfk.", b"kw.crosscomp.")
         ) or csv.recognises(file)
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return the rows of the report, one for each point of the table."""
         return plain_rows(table)
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
-        """Return the steps for the person who commissions the control."""
         if profile.options_as(BeckhoffOptions).way == "volumetric":
             return (
                 "Back up the volumetric configuration and the error files in use.",
@@ -304,9 +281,6 @@ def _volcomp_law(letter: str, options: BeckhoffOptions) -> Law:
 
 
 def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
-    """Return the law of the values for each output axis. Raises ``UsageError`` if an angle would
-    need the opposite sign for one axis only.
-    """
     if options.chain is not None and set(options.negate) not in (set(), set("XYZ")):
         raise UsageError(
             f"{profile.source}: beckhoff.negate",
@@ -317,13 +291,13 @@ def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
 
 
 def _chain_held(options: BeckhoffOptions, source: str) -> str:
-    """Return the kinematic chain in the form that the control uses (ISG 296411019, P-VOLC-00008).
+    """Return the kinematic chain in the notation of the control (ISG 296411019, P-VOLC-00008).
 
-    An axis on the workpiece side that the axis parameters already reverse (vz_istw, vz_stellgr) is
-    an axis of the tool for the survey, and must be one for the control. The angles of such an axis
-    also move its own position, which the chain of the tool does not contain; its curves contain
-    this effect. Raises ``UsageError`` for a chain with axes on the workpiece side if the profile
-    does not state ``turned``.
+    If the axis parameters vz_istw and vz_stellgr reverse an axis on the workpiece side, the survey
+    treats it as a tool axis, and the control must do the same. The angles of such an axis also
+    displace the axis itself. The tool chain does not contain this displacement, so the curves of
+    the axis contain this displacement. Raises ``UsageError`` if the chain has axes on the workpiece
+    side and the profile does not state ``turned``.
     """
     chain = options.chain or ""
     work, tool = parse_chain(chain)
@@ -339,9 +313,6 @@ def _chain_held(options: BeckhoffOptions, source: str) -> str:
 
 
 def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
-    """Return the squarenesses that get their own column: those for which the rotation of the
-    carried axes has no effect.
-    """
     order = (
         ""
         if options.chain is None
@@ -357,11 +328,10 @@ def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
 def _volumetric(
     curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
 ) -> Iterator[Table]:
-    """Yield the tables of the ISO 230-1 components, as the mean of both directions because the file
-    has no direction.
+    """Yield the tables of the ISO 230-1 components.
 
-    ``negate`` reverses the sense in the control, never the numbers, which are the errors of the
-    machine.
+    The values are the mean of both directions, because the file has no direction. ``negate``
+    reverses the sense in the control; the numbers in the file stay the errors of the machine.
     """
     quantum_um = 1000.0 * 10.0**-options.decimals
     for curve in curves:
@@ -446,9 +416,6 @@ def _remarks(
 
 
 def _numbered(profile: Profile, options: BeckhoffOptions) -> list[str]:
-    """Return the axes of the profile. Raises ``UsageError`` for an axis without a logical
-    number.
-    """
     for letter in profile.axes:
         if letter not in options.axis_numbers:
             raise UsageError(

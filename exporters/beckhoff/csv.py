@@ -1,9 +1,9 @@
-"""The ISG_CSV file: columns named in a heading, rows below, ``//`` comments, ``#`` before a new
-heading (TF5280, 296429067).
+"""The ISG_CSV file: a heading names the columns, rows of numbers follow, ``//`` begins a comment,
+and ``#`` precedes a new heading (TF5280, 296429067).
 
-Values in mm and rad (296426379). A block without an axis in its heading has one row of position
-errors: here the squarenesses C0Y, B0Z and A0Z, with the sign of contract 1 for the shift of the
-tool.
+Lengths are in mm, angles in rad (296426379). A block whose heading names no axis has one row of
+position errors. stepdiag writes the squarenesses C0Y, B0Z and A0Z there, with the sign of the
+displacement of the tool.
 """
 
 import re
@@ -28,16 +28,16 @@ _ANGLE = re.compile(r"^E[ABC][XYZ]\Z")
 _POSITION_ERROR = re.compile(r"^[XYZABC]0[XYZABC]\Z")
 _WIDTH = 12
 _MARK, _END = b"// values and positions in mm", b"// end"
-"""The first and the last comment in files of this program, because the format has no end mark."""
-RAD_DECIMALS = 9
-"""Number of decimal places of an angle in rad: the last place is a nanoradian."""
-_FINER = 2
-"""Number of further decimal places of a straightness column from which a squareness is
-subtracted.
+"""First and last comment of a file from stepdiag. The format has no end mark, so a missing last
+comment shows a truncated file.
 """
+RAD_DECIMALS = 9
+"""Decimal places of an angle in rad: the last place is 1 nrad."""
+_FINER = 2
+"""Additional decimal places of a straightness column from which a squareness is subtracted."""
 SHIFTS = {"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"}
-"""The function into which each squareness is read back: the function with the same shift of the
-tool.
+"""The straightness function to which the reader adds each squareness: both displace the tool in the
+same way.
 """
 
 Rows = list[tuple[str, list[str]]]
@@ -45,8 +45,8 @@ Rows = list[tuple[str, list[str]]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """Interpretation of a file: the kinds of its tables, the laws of the values by output axis, and
-    the ``levers`` of the angles (None if the profile states no chain).
+    """Instructions for reading a file: kinds of its tables, laws by output axis, and ``levers`` of
+    the angles (None if the profile states no chain).
     """
 
     kind: str
@@ -61,11 +61,11 @@ def render(
     notes: Sequence[str],
     squareness: Sequence[str] = (),
 ) -> bytes:
-    """Return the bytes of a file: one block for each input axis, with the components in mm and the
-    angles in rad in its columns.
+    """Return the bytes of a file with one block per input axis; displacements are in mm, angles in
+    rad.
 
-    ``squareness`` names the squarenesses that get their own column, in a first block; all other
-    squarenesses stay in the straightness columns.
+    ``squareness`` contains the squarenesses that get a column of their own in the first block.
+    Every other squareness stays in a straightness column.
     """
     curves = {table.name: table for table in tables if table.multiplier is None}
     angles = {
@@ -116,9 +116,6 @@ def render(
 
 
 def _slope_rad(table: Table, name: str) -> float:
-    """Return the squareness in rad that a table contains as the slope of its end-point line, in the
-    sense of the table, rounded to the written places.
-    """
     rise = (table.value_um[-1] - table.value_um[0]) / (
         table.position_mm[-1] - table.position_mm[0]
     )
@@ -126,8 +123,8 @@ def _slope_rad(table: Table, name: str) -> float:
 
 
 def _without(table: Table, slopes_rad: Mapping[str, float]) -> Vector:
-    """Return the values of a table in um minus the effect of its squareness, which is zero at the
-    zero of the axis.
+    """Return the values of a table in um without its squareness, which is zero at the zero of the
+    axis.
     """
     value = table.value_um
     for name, slope in slopes_rad.items():
@@ -141,9 +138,6 @@ def _shift_um(name: str, slope_rad: float, position_mm: Vector) -> Vector:
 
 
 def recognises(file: ControlFile) -> bool:
-    """Return whether the first line that is not a comment is a heading of component or position
-    errors.
-    """
     try:
         head = next(_csv_lines(file), ("", []))[1]
     except DataError:
@@ -158,8 +152,8 @@ def recognises(file: ControlFile) -> bool:
 
 
 def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
-    """Return a table for each component column, with the squareness added, and the products of each
-    angle column.
+    """Return one table per component column, with its squareness added, and the product tables of
+    each angle column.
 
     Raises ``DataError``, with file and line, for a wrong file, and for angles if the profile has no
     chain.
@@ -190,9 +184,6 @@ def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
 
 
 def _squareness(where: str, head: Sequence[str], rows: Rows) -> dict[str, float]:
-    """Return the position errors that are not zero, by name. Raises ``DataError`` for a position
-    error that is not a squareness of three linear axes.
-    """
     if len(rows) != 1:
         raise DataError(
             where, expected=message("one-row"), found=message("count-rows", count=len(rows))
@@ -217,7 +208,6 @@ def _with_squareness(
     profile: Profile,
     how: Reading,
 ) -> list[Table]:
-    """Return the tables with each squareness added to the function in `SHIFTS`."""
     found = {table.name: table for table in tables}
     for name, value in squareness.items():
         target = SHIFTS[name]
@@ -282,7 +272,6 @@ def _columns(
 def _angle(
     file: ControlFile, where: str, angle: Angle, profile: Profile, how: Reading, places: int
 ) -> Iterator[Table]:
-    """Yield the products of an angle column, in the sense of the control like all columns."""
     if how.levers is None:
         if angle.value_urad.any():
             raise DataError(

@@ -33,7 +33,6 @@ def render(
     master_word: str,
     notes: Sequence[str],
 ) -> ControlFile:
-    """Return the list of an axis with the tables of this axis."""
     letter = tables[0].output_axis
     number = numbers[letter]
     lines = [
@@ -71,8 +70,8 @@ def read(
 
 
 def switches_in(file: ControlFile) -> dict[str, str]:
-    """Return the switch ``lr_param.ssfk`` of the leadscrew error (P-AXIS-00175) in an axis list,
-    under a name that contains the axis; {} if the list has no such switch.
+    """Return the switch ``lr_param.ssfk`` (P-AXIS-00175) in an axis list, under a name that
+    contains the axis; {} if the list has no switch.
     """
     values = _values(file)
     axis, switch = values.get("kopf.achs_nr"), values.get(SWITCH)
@@ -80,7 +79,6 @@ def switches_in(file: ControlFile) -> dict[str, str]:
 
 
 def switch_name(number: int | str) -> str:
-    """Return the name of the leadscrew switch of an axis."""
     return f"{SWITCH} of axis {number}"
 
 
@@ -123,9 +121,6 @@ def _units(values: Vector, per_unit: float) -> list[int]:
 
 
 def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
-    """Return the place in the file and the value of every key. Raises DataError for a repeated key
-    and for a line that is neither a key nor a remark.
-    """
     values: dict[str, tuple[str, str]] = {}
     for where, raw in read_lines(file):
         line = _without_remarks(raw.partition("#")[0]).strip()
@@ -139,8 +134,8 @@ def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
 
 
 def _without_remarks(line: str) -> str:
-    """Return a line without its remarks, from ``/*`` to the next ``*/``; a remark without an end
-    stays.
+    """Return a line without remarks, which extend from ``/*`` to the next ``*/``. A remark without
+    an end stays in the line.
     """
     kept, at = [], 0
     while (begin := line.find("/*", at)) >= 0 and (end := line.find("*/", begin + 2)) >= 0:
@@ -263,9 +258,6 @@ def _whole(file: ControlFile, values: Values, key: str, default: int | None = No
 
 
 def _count(file: ControlFile, values: Values, key: str) -> int:
-    """Return the number of points under a key. Raises DataError if it exceeds the number of
-    lines.
-    """
     count = _whole(file, values, key)
     if not 0 <= count <= len(values):
         raise DataError(

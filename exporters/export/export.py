@@ -1,8 +1,8 @@
-"""The only function that makes files for a control from a result.
+"""Writes the files for a control from a result.
 
-Nothing is written before all checks are complete, and no existing file is overwritten with other
-bytes. An export also contains restore files, a readable report, a SHA-256 list and the steps of
-loading. If the sense of a table was not tested on this machine within twelve months, the name of
+All checks are complete before the first file is written, and a file with other contents is never
+overwritten. An export also contains restore files, a readable report, a SHA-256 list and the steps
+of loading. If the sense of a table was not tested on this machine within twelve months, the name of
 its file contains ``_UNTESTED_SIGN``.
 """
 
@@ -51,9 +51,9 @@ from stepdiag.exporters.tables.controller import Controller, Plan, Reporting
 from stepdiag.exporters.tables.profile import Profile
 
 MET_UM, FINEST_PART = 0.05, 10
-"""Largest error in um, at a measured position, from the points of a provisional export; and the
-largest number of parts into which a step may divide the survey's increment, as uneven targets
-require.
+"""For an export without a profile: the largest error in um that the points of a table may cause at
+a measured position, and the largest number of table steps in one increment of the survey. Uneven
+targets need several steps.
 """
 
 
@@ -69,14 +69,15 @@ def export(
 ) -> ExportReport:
     """Write the compensation files of a result and return the report of the export.
 
-    ``profile`` is None for a provisional export, with tables at the measured positions or in steps
-    of ``step_mm`` (contract 5). With a profile, ``step_mm`` replaces the steps of the profile.
-    ``accept`` names the accepted warnings. ``today`` dates the sign tests, so that a replay can
-    repeat an old export.
+    If ``profile`` is None, the tables have their points at the measured positions or every
+    ``step_mm``. With a profile, ``step_mm`` replaces the steps of the profile. ``accept`` contains
+    the codes of the accepted warnings. ``today`` is the date for the age of a sign test, so that a
+    replay can repeat an old export.
 
     Raises ``DataError`` for a function that the result does not identify, ``SafetyError`` for a
-    failed check, ``UsageError`` for a wrong profile. After a failed check no file is written,
-    except the readable report if only the machine's own template is missing.
+    failed check, ``UsageError`` for a wrong profile. After a failed check no file is written, with
+    one exception: if only the machine's own punch files are missing, the readable report is
+    written.
     """
     require_answer(result)
     if controller == lattice.NAME:
@@ -144,14 +145,10 @@ def export(
 
 
 def _may_refuse(finding: Finding, profile: Profile) -> bool:
-    """Return whether a finding of the planning may refuse the export: the assumptions of a
-    provisional export refuse nothing.
-    """
     return finding.severity == "error" or not profile.assumed
 
 
 def _require_something(plan: Plan, profile: Profile) -> None:
-    """Raise ``SafetyError`` if the control has no table for any of the requested functions."""
     if not plan.tables and not plan.listed:
         asked, why = profile.machine.functions, [each.words for each in plan.findings]
         raise SafetyError(
@@ -166,9 +163,6 @@ def _require_something(plan: Plan, profile: Profile) -> None:
 def _settled(
     profile: Profile | None, control: Controller, result: Result, step_mm: float | None
 ) -> Profile:
-    """Return the profile for the planning: the given profile, the given profile with another step,
-    or an assumed profile for a provisional export.
-    """
     if profile is None:
         return _of_what_travelled(
             quick_profile(control, result.volume, _steps(step_mm, result)), result
@@ -186,8 +180,8 @@ def _settled(
 
 
 def _of_what_travelled(profile: Profile, result: Result) -> Profile:
-    """Return the assumed profile; for a survey of axes without a volume it requests only the
-    identified functions.
+    """Return the assumed profile. If an axis did not travel, the profile requests only the
+    functions that the result identifies.
     """
     if result.volume.solid:
         return profile
@@ -198,10 +192,10 @@ def _of_what_travelled(profile: Profile, result: Result) -> Profile:
 
 
 def _steps(step_mm: float | None, result: Result) -> tuple[float, ...]:
-    """Return the steps of a provisional export: the given step, or the steps of the survey.
+    """Return the steps of an export without a profile.
 
-    Points between measured positions add no information, and points beside measured positions add
-    errors of up to a micrometre.
+    Table points between measured positions add no information. Table points that miss the measured
+    positions cause errors of up to 1 um.
     """
     if step_mm is not None:
         _require_step(step_mm)
@@ -210,9 +204,8 @@ def _steps(step_mm: float | None, result: Result) -> tuple[float, ...]:
 
 
 def _measured_step(result: Result, index: int) -> float:
-    """Return the largest step, a whole part of the survey's increment, at whose points the
-    functions of an axis keep their measured values within `MET_UM`; else the part with the smallest
-    error.
+    """Return the largest step that divides the survey's increment and keeps the measured values of
+    an axis within `MET_UM`. If no step does, return the step with the smallest error.
     """
     letter, low_mm, step_mm = (
         AXIS_LETTERS[index],
@@ -246,8 +239,8 @@ def _require_step(step_mm: float) -> None:
 
 
 def _control_files(case: Case) -> list[ControlFile]:
-    """Return the files for the control and their restore files, judged by the contents of a control
-    that has read the bytes.
+    """Return the files for the control and their restore files. The checks use the tables that a
+    control reads from the bytes.
     """
     kinds = untested_kinds(case)
     notes = (

@@ -1,10 +1,10 @@
-"""The complete tables of a control after an export: the requested tables, and the control's old
-tables that loading would keep or delete.
+"""The tables of a control after an export: the requested tables, and the old tables that loading
+would keep or delete.
 
-A plan is made and loaded in simulation over the machine's own files; this is repeated until the
-plan does not change. An old table that was not requested, but whose place a new table takes, is
-written to a free place. An old product that stays is included in the computation. An old table of a
-function that moved to another place is emptied.
+The export plans the tables and simulates loading over the machine's own files, until the plan no
+longer changes. If a new table takes the place of an old table that was not requested, the old table
+is written to a free place. An old product that stays active is included in the computation. If the
+table of a function moves to another place, the old table of the function is filled with zeros.
 """
 
 from collections.abc import Sequence
@@ -34,26 +34,17 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, summed_um
 
 _ROUNDS = 12
-"""Largest number of rounds: each of nine functions can move once, so further rounds change
-nothing.
-"""
+"""Largest number of planning rounds: each of nine functions can move once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Planned:
-    """Data for the checks of an export: the plan, and the contents of the control before and after
-    loading.
-    """
-
     case: Case
     plan: Plan
     standing: Standing
 
 
 def planned(result: Result, control: Controller, profile: Profile, today: date) -> Planned:
-    """Return the plan of an export. Raises ``SafetyError`` and ``DataError`` of the
-    planning steps.
-    """
     require_chain(result, profile)
     before = contents(control, (), profile).before
     kept: dict[str, Curve] = {}
@@ -82,7 +73,6 @@ def _once(
     kept: dict[str, Curve],
     products: frozenset[str],
 ) -> tuple[Case, Plan]:
-    """Return a plan that contains the ``kept`` curves and leaves the old ``products`` unchanged."""
     on = profile.machine.measured_with == "on"
     gone = (
         [
@@ -120,9 +110,6 @@ def _once(
 
 
 def _names(result: Result, control: Controller, profile: Profile) -> Sequence[str]:
-    """Return the names of the functions to write: the requested functions, and those of the result
-    that this control needs in addition.
-    """
     asked = profile.machine.functions
     if not isinstance(control, Pairing):
         return asked
@@ -131,7 +118,6 @@ def _names(result: Result, control: Controller, profile: Profile) -> Sequence[st
 
 
 def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
-    """Return the contents of the control before and after the files of a plan are loaded."""
     try:
         files = [
             file

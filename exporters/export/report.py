@@ -1,4 +1,4 @@
-"""The readable report of an export: plain text for the service engineer; equal exports give equal
+"""The readable report of an export: plain text for the service engineer. Equal exports give equal
 bytes.
 """
 
@@ -20,9 +20,6 @@ from stepdiag.exporters.tables.tables import Table
 def report_text(
     case: Case, plan: Plan, findings: Sequence[Finding], prediction: Prediction
 ) -> str:
-    """Return the text of the report: machine, warnings, effect, tables with their laws, old and new
-    values, steps of loading and checking.
-    """
     sections = (
         _head(case),
         _findings(findings),
@@ -100,7 +97,6 @@ def _effect(case: Case, prediction: Prediction, *, unproven: bool) -> Iterator[s
 
 
 def _basis(found: Basis) -> Iterator[str]:
-    """Yield the lines about the lengths that the tables correct and about the basis of U."""
     yield "WHAT TABLES AND U REST ON"
     names = {"as_measured": "as measured", "at_20_c": "at 20 C"}
     if found.tables is not None:
@@ -151,9 +147,6 @@ def _report_rows(case: Case, table: Table) -> Iterator[str]:
 
 
 def _changes(case: Case) -> Iterator[str]:
-    """Yield the lines with the old, the new and the difference of the values, as movement of the
-    axis, if the control had a table before.
-    """
     for table in case.tables:
         before = [old for old in case.previous if old.name == table.name]
         if before:
@@ -168,7 +161,6 @@ def _changes(case: Case) -> Iterator[str]:
 
 
 def _before(case: Case) -> Iterator[str]:
-    """Yield the first step of loading for a control whose contents no loading program compares."""
     if case.controller.name in BEFORE:
         yield (
             f"{BEFORE[case.controller.name]}, and compare: `stepdiag verify RESULT FOLDER "

@@ -1,4 +1,4 @@
-"""Exports of the whole field as a lattice: the neutral CSV, and the kinematics component of
+"""Exports of the whole error field as a lattice: a neutral CSV, and a kinematics component of
 LinuxCNC that reads this CSV.
 """
 
@@ -41,8 +41,8 @@ from stepdiag.exporters.tables.tables import mean_correction_um
 
 
 def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> ExportReport:
-    """Write the correction vectors of the whole error field; no control interprets them, so no sign
-    needs a test.
+    """Write the correction vectors of the whole error field. The file belongs to no control, so it
+    needs no sign test.
     """
     held = lattice.lattice_of(result, steps_mm)
     steps = (
@@ -74,7 +74,6 @@ def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> 
 
 
 def export_etalon(result: Result, out_dir: Path) -> ExportReport:
-    """Write every function of the result in the Etalon Exchange format, for other software."""
     file = etalon.render(result)
     text = (
         f"{file.name}: functions and squareness, chain {result.chain}; levers of angles count "
@@ -99,11 +98,11 @@ def export_etalon(result: Result, out_dir: Path) -> ExportReport:
 def export_kinematics(
     result: Result, profile: Profile, accept: Collection[str], out_dir: Path
 ) -> ExportReport:
-    """Write the lattice, the kinematics component and the configuration lines for LinuxCNC, with a
-    lattice of zeros as restore file.
+    """Write the lattice, the kinematics component, the configuration lines for LinuxCNC, and the
+    restore files.
 
-    Raises ``SafetyError`` for a lattice beyond the limits of the profile, and if the profile does
-    not contain the lattice that was active during the measurement.
+    Raises ``SafetyError`` for a lattice beyond the limits of the profile, and if the profile lacks
+    the lattice that was active during the measurement.
     """
     axes = (profile.grid_mm("X"), profile.grid_mm("Y"), profile.grid_mm("Z"))
     kinematics.require_room(axes, profile)
@@ -151,18 +150,12 @@ def export_kinematics(
 
 
 def _active(profile: Profile) -> Lattice | None:
-    """Return the lattice that was active during the measurement, None if no compensation was
-    active. Raises ``SafetyError`` if another compensation was active.
-    """
     if profile.machine.measured_with == "off":
         return None
     return lattice.parse(lattice.the_one_in(profile.existing, profile.source))
 
 
 def _replaced(profile: Profile) -> Callable[[Vector], Vector]:
-    """Return the correction of an old compensation (lattice or tables) that was inactive during the
-    measurement and that the new lattice replaces.
-    """
     if profile.machine.measured_with == "on" or not profile.existing:
         return np.zeros_like
     lattices = [file for file in profile.existing if lattice.recognises(file)]
@@ -173,9 +166,6 @@ def _replaced(profile: Profile) -> Callable[[Vector], Vector]:
 
 
 def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[Finding]:
-    """Yield errors and warnings about the lattice: its largest value, its steepness, and the
-    solver's findings about the data.
-    """
     largest = float(np.max(np.abs(held.vectors_um)))
     most = limits.at(max(float(np.ptp(at)) for at in held.axes_mm))
     if largest > most.value_um:
@@ -208,8 +198,8 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
 
 
 def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
-    """Yield an error for each axis on which the lattice covers too little of the measured volume:
-    beyond a face the control uses the values of the face.
+    """Yield an error for each axis on which the lattice covers too little of the measured volume.
+    Outside the lattice, the control uses the values of its faces.
     """
     for letter, at, low, size in zip(
         "XYZ", held.axes_mm, result.volume.origin_mm, result.volume.size_mm, strict=True
@@ -242,9 +232,6 @@ def _stated(result: Result, profile: Profile) -> Iterator[Finding]:
 
 
 def _beside(result: Result, held: Lattice) -> Iterator[Finding]:
-    """Yield the finding about the error of the lattice at measured positions between its
-    vertices.
-    """
     missed = {
         name: missed_um(held.axes_mm["XYZ".index(name[2])], known.position_mm, known.value)
         for name in DISPLACEMENTS
@@ -256,7 +243,6 @@ def _beside(result: Result, held: Lattice) -> Iterator[Finding]:
 def _report(
     result: Result, profile: Profile, findings: Collection[Finding], prediction: Prediction
 ) -> str:
-    """Return the text of the readable report: purpose, remarks, effect, steps."""
     unknown = [name for name, function in result.errors.items() if function.value is None]
     lines = [
         f"Compensation for {kinematics.TITLE}",
@@ -295,8 +281,5 @@ def _report(
 
 
 def _effect(prediction: Prediction) -> Iterator[str]:
-    """Yield the lines with the error before and after compensation; a predicted interval is shown
-    as an interval.
-    """
     for when, found in prediction.predicted.without_rigid_motion.items():
         yield f"{when}: rms {found.rms_um.words()}, largest {found.largest_um.bound()}"

@@ -1,5 +1,3 @@
-"""The report of an export."""
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +10,8 @@ REPORT = "EXPORT_REPORT.txt"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportReport:
-    """Result of an export: ``files`` are the names of the written files within ``out_dir``;
-    ``prediction`` is None for a lattice without a control.
+    """Result of an export. ``files`` contains the names of the written files in ``out_dir``.
+    ``prediction`` is None for a lattice that belongs to no control.
     """
 
     controller: str

@@ -1,5 +1,1 @@
-"""Fagor: leadscrew and cross compensation tables.
-
-Input: tables. Output: files of this control, and tables read back from such files.
-`profiles.registry` imports this package.
-"""
+"""Fagor: leadscrew compensation tables."""

@@ -1,11 +1,10 @@
-"""Fagor 8055: the leadscrew compensation table of each axis, as a list for typing in at the
-control.
+"""Fagor 8055: the leadscrew compensation table of each axis, as a list to type in at the control.
 
-Manual of the 8055i, p. 328: with LSCRWCOM (P15) on and NPOINTS (P16) points, each row contains a
-position from machine zero, the amount of error for travel in +, and the amount for travel in -, in
-mm; a second column of zeros means that the first column is valid for both directions. By its
-wording, the "amount of error" is taken as an error. No transfer format is public, and no cross
-table is described.
+Source: manual of the 8055i, p. 328. With LSCRWCOM (P15) on and NPOINTS (P16) points, each row
+contains a position from machine zero, the amount of error for travel in +, and the amount of error
+for travel in -, all in mm. If the second column contains only zeros, the first column is valid for
+both directions. stepdiag takes the wording of the manual literally: the amount of error is an
+error. No transfer format is public, and the manual describes no cross table.
 """
 
 from stepdiag.base.findings import info

@@ -1,5 +1,1 @@
-"""Fanuc: pitch error and straightness compensation parameters.
-
-Input: tables. Output: files of this control, and tables read back from such files.
-`profiles.registry` imports this package.
-"""
+"""Fanuc: pitch error, inclination and straightness compensation in punch files."""

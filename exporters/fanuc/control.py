@@ -1,9 +1,9 @@
 """FANUC: stored pitch error compensation, inclination and four-point straightness, written into the
 machine's own punch files.
 
-Without these files no file for the control is written: the prefix of a pitch line differs between
-series and a wrong prefix addresses parameters (controllers.md 2.6). The readable table in the
-report then shows the values to type.
+Without the machine's own punch files, no file for the control is written: the prefix of a pitch
+line differs between series of controls, and a wrong prefix changes parameters (controllers.md 2.6).
+The readable report then contains the values to type in.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -49,8 +49,6 @@ __all__ = ["Fanuc", "FanucOptions"]
 
 @dataclass(frozen=True, slots=True)
 class Fanuc:
-    """The FANUC controls in the form of `exporters.tables.controller.Controller`."""
-
     name: str = "fanuc"
     title: str = (
         "FANUC 0i-D/F, 16i/18i, 30i/31i/32i/35i "
@@ -61,9 +59,6 @@ class Fanuc:
     options_template: str = TEMPLATE
 
     def quick_options(self) -> FanucOptions:
-        """Return the options of a provisional export: 1 um detection unit, axes 1 2 3, reference
-        points 100, 300, 500.
-        """
         axes = {
             letter: AxisPoints(number=n, reference_point=200 * n - 100)
             for n, letter in enumerate("XYZ", start=1)
@@ -71,7 +66,6 @@ class Fanuc:
         return FanucOptions(detection_unit_um=1.0, axes=axes)
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return the largest number of points of an axis and the largest increment."""
         options = profile.options_as(FanucOptions)
         if table.kind != pitch.KIND:
             return Limits(points=4)
@@ -82,9 +76,6 @@ class Fanuc:
         )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return pitch tables for positioning errors, with inclination if requested, and four-point
-        tables for straightness.
-        """
         masters = [read_punch(file) for file in profile.existing]
         wide = [
             curve
@@ -139,10 +130,11 @@ class Fanuc:
         profile: Profile,
         notes: Sequence[str] = (),  # noqa: ARG002
     ) -> tuple[ControlFile, ...]:
-        """Return the machine's own punch files with new numbers after P; every other byte is
+        """Return the machine's own punch files with new numbers after each P; every other byte is
         unchanged.
 
-        Raises ``SafetyError`` (code ``template-missing``) without the machine's punched pitch data.
+        Raises ``SafetyError`` (code ``template-missing``) if the machine's punched pitch data are
+        missing.
         """
         options = profile.options_as(FanucOptions)
         pitch = {
@@ -173,11 +165,11 @@ class Fanuc:
         return tuple(written)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables in the punch files for the axes of the profile.
+        """Return the tables in the punch files, for the axes of the profile.
 
-        Point numbers, interval and magnification come from the parameters in the files, else from
-        the profile. Raises ``UsageError`` without a profile, because the files do not contain the
-        position of the reference.
+        Point numbers, interval and magnification are read from the parameters in the files, or else
+        from the profile. Raises ``UsageError`` without a profile, because punch files do not
+        contain the reference position.
         """
         if profile.assumed:
             expected = message("profile-punch")
@@ -196,8 +188,8 @@ class Fanuc:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the tables in the memory of the control after loading: a new punch file replaces
-        the machine's file from which it was made.
+        """Return the tables of the control after loading. A new punch file replaces the machine's
+        file from which it was made.
         """
         files = copied(own, new)
         if not new:
@@ -206,7 +198,7 @@ class Fanuc:
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
         """Return the switches 8135#0 and 3605#0 of the axes with pitch data, if the machine's own
-        files contain them, because the series of controls differ in these parameters.
+        files contain these parameters. Not every series of controls has these parameters.
         """
         needed = parameters_of(tables, profile, profile.options_as(FanucOptions))
         both = {
@@ -222,17 +214,13 @@ class Fanuc:
         return {name: value for name, value in wanted.items() if name in own}
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return the switches 8135#0 and 3605#0 from files that the control punched out."""
         return switches_in([read_punch(file) for file in files])
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - the files hold all that changes
-        """Return the machine's own punch files as restore files: an export changes only numbers in
-        them.
-        """
+        """Return the machine's own punch files: an export changes only numbers in them."""
         return profile.existing
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file is a punch file, which begins with % and an N block."""
         return (
             file.data.lstrip().startswith(b"%")
             and b"\nN" in file.data.replace(b"\r", b"")
@@ -240,11 +228,9 @@ class Fanuc:
         )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
-        """Return the parameters and the point data as text for typing in."""
         return parameter_rows(table, profile, profile.options_as(FanucOptions))
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return the steps for the service engineer (controllers.md 2.1, 2.6)."""
         return (
             (
                 "Punch out parameters and pitch data first (SYSTEM > PARAM > PUNCH, SYSTEM > "
@@ -275,9 +261,6 @@ class Fanuc:
 
 
 def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[Table]:
-    """Return the tables of an axis: inclination if the profile asks for it, and pitch data for the
-    error that remains.
-    """
     if is_directional(curve, profile) and not options.experimental_bidirectional:
         raise SafetyError(
             f"{profile.source}: machine.direction",
@@ -295,9 +278,6 @@ def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[
 
 
 def _with_magnifications(options: FanucOptions, tables: Sequence[Table]) -> FanucOptions:
-    """Return the options with the magnification that was chosen for the pitch table of each
-    axis.
-    """
     axes = dict(options.axes)
     for table in tables:
         if table.kind == pitch.KIND:
@@ -311,9 +291,6 @@ def _with_magnifications(options: FanucOptions, tables: Sequence[Table]) -> Fanu
 def _refuse_lacking(
     parameters: Mapping[Key, str], masters: Sequence[PunchFile], profile: Profile
 ) -> None:
-    """Raise SafetyError if the machine's own files lack parameter lines that inclination,
-    straightness or a second direction need.
-    """
     needed = [
         key
         for key, text in parameters.items()
@@ -339,8 +316,8 @@ def _refuse_lacking(
 
 
 def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
-    """Raise SafetyError if the machine's own pitch data come without their interval: the profile
-    states the step of the new table, not of the old table.
+    """Raise SafetyError if the machine's own pitch data come without their interval. The profile
+    contains only the interval of the new table.
     """
     if not any(any(file.pitch.values()) for file in own):
         return
@@ -363,8 +340,8 @@ def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
 def _require_pitch_points(
     tables: Sequence[Table], masters: Sequence[PunchFile], profile: Profile
 ) -> None:
-    """Raise SafetyError for a four-point table whose axis keeps its old pitch points, if the
-    machine's own file states another interval of these points than the profile.
+    """Raise SafetyError for a four-point table that refers to old pitch points, if the interval of
+    these points in the machine's own file differs from the profile.
     """
     options = profile.options_as(FanucOptions)
     own = {table.input_axis for table in tables if table.kind == pitch.KIND}
@@ -403,9 +380,6 @@ def _straightness_remark(curve: Curve, left_um: float, options: FanucOptions) ->
 
 
 def _overlaps(tables: Sequence[Table]) -> Iterator[Finding]:
-    """Yield an error for every pair of pitch tables that use the same point numbers (controllers.md
-    10.5).
-    """
     ranges = [(table, set(stored_in(table))) for table in tables if table.kind == pitch.KIND]
     for index, (one, its_points) in enumerate(ranges):
         for other, other_points in ranges[index + 1 :]:

@@ -1,10 +1,10 @@
-"""Check that the machine's own punched file belongs to the machine in the profile: axes and units
-of both must agree.
+"""Check that the machine's own punch file belongs to the machine of the profile: axes and units
+must agree.
 
-Read in manuals: 1020 axis names as ASCII (88 X, 89 Y, 90 Z), 3620 reference point, 3605#0
-bidirectional compensation, 8135#0 of the 0i-D (controllers.md 2.1, 2.6). Known only from memory,
-and therefore checked with warnings that the user may accept: 1001#0 inch machine, 1006#3 axis in
-diameters, 1013#0 and #1 the increment system, 5711 to 5764 straightness compensation.
+From manuals: 1020 axis names in ASCII (88 X, 89 Y, 90 Z), 3620 reference point, 3605#0
+bidirectional compensation, 8135#0 of the 0i-D (controllers.md 2.1, 2.6). From memory, so that a
+contradiction is only a warning: 1001#0 inch machine, 1006#3 diameter programming, 1013#0 and #1
+increment system, 5711 to 5764 straightness compensation.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,8 +30,8 @@ _INCREMENT_UM = {(True, False): 10.0, (False, False): 1.0, (False, True): 0.1}
 def identity_findings(
     masters: Sequence[PunchFile], profile: Profile, options: FanucOptions
 ) -> Iterator[Finding]:
-    """Yield an error or a warning for every contradiction between the machine's own files and the
-    profile; a missing parameter is no evidence.
+    """Yield an error or a warning for each contradiction between the machine's own files and the
+    profile. A missing parameter is no contradiction.
     """
     if _bit(masters, DISABLED, None, 0):
         yield error("machine-file-differs.disabled")
@@ -134,8 +134,8 @@ def _parameter_number(
 def _bit(
     masters: Sequence[PunchFile], number: int, axis: int | None, bit: int
 ) -> bool | None:
-    """Return a bit of a parameter, None if no file contains the parameter; files write the bits
-    from 7 down to 0.
+    """Return a bit of a parameter, None if no file contains the parameter. The file contains the
+    bits in the order from 7 to 0.
     """
     text = _text(masters, number, axis)
     return None if text is None or len(text) <= bit else text[-1 - bit] == "1"

@@ -1,10 +1,11 @@
 """FANUC compensations along three straight lines between four points: inclination and straightness.
 
-Inclination (B-64523EN-1/02; B-63522EN/02 15.4): 5861-5864 point numbers, 5871-5874 amounts, added
-to the pitch error compensation. Straightness (B-63522EN/02 15.5): amounts of the compensated axis
-at four pitch points of the moving axis. The values of both are absolute compensation in detection
-units, linear between the points (the page prints (a - b) for the length of a section: a misprint
-for (b - a)). The four points are chosen for the smallest sum of squared residuals.
+Inclination (B-64523EN-1/02; B-63522EN/02 15.4): parameters 5861-5864 contain the point numbers,
+5871-5874 the amounts, which the control adds to the pitch error compensation. Straightness
+(B-63522EN/02 15.5): amounts for the compensated axis at four pitch points of the moving axis. Both
+kinds of amounts are absolute, in detection units, and linear between the points. (The page prints
+(a - b) for the length of a section, a misprint for (b - a).) stepdiag chooses the four points with
+the smallest sum of squared residuals.
 """
 
 from itertools import combinations
@@ -27,16 +28,16 @@ LAW = Law(sense="as-compensation")
 INCLINATION_POINTS = (5861, 5862, 5863, 5864)
 INCLINATION_VALUES = (5871, 5872, 5873, 5874)
 _CANDIDATES = 40
-"""Largest number of interior points tried: they form 780 pairs, and each pair is a fit of four
-numbers.
+"""Largest number of interior points that the search tries. 40 points form 780 pairs, and each pair
+needs a fit of four numbers.
 """
 
 
 def line_table(
     kind: str, curve: Curve, profile: Profile, options: FanucOptions
 ) -> tuple[Table, float]:
-    """Return the four-point table for the mean of a curve, and its largest residual in um on the
-    grid.
+    """Return the four-point table for the mean of both directions of a curve, and its largest
+    residual in um on the grid.
     """
     grid, forward, reverse = sampled_um(curve, profile)
     if len(grid) < 4:
@@ -69,7 +70,6 @@ def line_table(
 
 
 def numbers(letter: str, profile: Profile, options: FanucOptions) -> Points:
-    """Return the pitch point numbers of an axis, to which inclination and straightness refer."""
     where = f"{profile.source}: axes.{letter}.reference_mm"
     return points_of(
         options.axis(letter, profile.source),
@@ -80,9 +80,6 @@ def numbers(letter: str, profile: Profile, options: FanucOptions) -> Points:
 
 
 def _best_lines(grid: Vector, wanted: Vector) -> tuple[list[int], Vector]:
-    """Return the indices of the four points (both ends and two grid points) and the values at these
-    points whose straight lines fit ``wanted`` best.
-    """
     last = len(grid) - 1
     interior = np.unique(
         np.linspace(1, last - 1, min(last - 1, _CANDIDATES)).round().astype(int)
@@ -98,9 +95,6 @@ def _best_lines(grid: Vector, wanted: Vector) -> tuple[list[int], Vector]:
 def _fitted(
     grid: Vector, wanted: Vector, knots: list[int]
 ) -> tuple[float, list[int], Vector]:
-    """Return the sum of squared residuals, the indices of the knots, and the values at the knots of
-    the least-squares lines.
-    """
     hats = np.column_stack(
         [np.interp(grid, grid[knots], unit) for unit in np.eye(len(knots))]
     )

@@ -28,8 +28,8 @@ class AxisPoints(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_onl
 class StraightnessNumbers(
     msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
 ):
-    """The section ``[fanuc.straightness.EYX]``: the machine's own parameter numbers, which no
-    consulted manual states.
+    """The section ``[fanuc.straightness.EYX]``: parameter numbers of this machine. No consulted
+    manual states these numbers.
     """
 
     moving: int
@@ -39,8 +39,6 @@ class StraightnessNumbers(
 
 
 class FanucOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The section ``[fanuc]``: units, limits, and the points of the axes."""
-
     detection_unit_um: Unit
     axes: dict[str, AxisPoints]
     least_input_um: Unit = 1.0

@@ -1,5 +1,5 @@
-"""The parameters of FANUC tables: their text for the report and for the machine's own parameter
-file, and their values read back from this file.
+"""FANUC parameters: their text for the report and for the machine's own parameter file, and their
+values read back from this file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,17 +22,17 @@ DISABLED = 8135
 MOST_AXES = 32
 INTERVAL = 3624
 SET_BY_HAND = (3620, 3621, 3622, 3623, INTERVAL)
-"""Parameters of the points that are set once by hand, as the report asks, if the profile contains
-no parameter file of the machine.
+"""Parameters of the pitch points. If the profile contains no parameter file of the machine, the
+report asks a person to set these parameters by hand.
 """
 
 
 def fitted(
     parameters: Mapping[Key, str], master: PunchFile, options: FanucOptions
 ) -> dict[Key, str]:
-    """Return the parameters in the form of the machine's own file: a bit becomes part of its byte,
-    and an interval is in least input units if the file has no decimal point (old controls), else in
-    mm (new controls).
+    """Return the parameters in the form of the machine's own file. A bit becomes part of its byte.
+    An interval is in mm (new controls), or in least input units if the file has no decimal point
+    (old controls).
     """
     result: dict[Key, str] = {}
     for (number, axis), text in parameters.items():
@@ -49,7 +49,7 @@ def fitted(
 
 
 def stored_in(table: Table) -> dict[int, int]:
-    """Return the pitch data of a table: by point number the increment, in units of the detection
+    """Return the pitch data of a table: the increment by point number, in units of the detection
     unit times the magnification.
     """
     if table.kind != pitch.KIND:
@@ -62,7 +62,6 @@ def stored_in(table: Table) -> dict[int, int]:
 def parameters_of(
     tables: Sequence[Table], profile: Profile, options: FanucOptions
 ) -> dict[Key, str]:
-    """Return the text of every parameter that the tables need."""
     found: dict[Key, str] = {}
     for table in tables:
         found |= _parameters(table, profile, options)
@@ -87,7 +86,6 @@ def switches_in(punched: Sequence[PunchFile]) -> dict[str, str]:
 
 
 def switch_name(number: int, axis: int | None) -> str:
-    """Return the name of bit 0 of a parameter in the notation of the manuals."""
     return f"{number}#0" + ("" if axis is None else f" A{axis}")
 
 
@@ -146,7 +144,6 @@ def _pitch_parameters(
 
 
 def parameter_rows(table: Table, profile: Profile, options: FanucOptions) -> tuple[str, ...]:
-    """Return parameters and point data as text for typing in at the control."""
     needed = _parameters(table, profile, options)
     rows = [
         f"parameter {number}{'' if axis is None else f' A{axis}'} = {text}"

@@ -1,10 +1,10 @@
 """FANUC stored pitch error compensation: increments between numbered points.
 
-B-64303CM-1/01 1.3.1 and B-63980EN/01 p. 100: point N covers the section from N - 1 to N. Its value
-is added when the axis passes the point in +, also left of the reference; the control adds the value
-at the point and does not interpolate. The value is added to the command, so A = -e. The absolute
-curve is quantised once and then differenced: increments rounded separately would accumulate their
-rounding errors.
+B-64303CM-1/01 1.3.1 and B-63980EN/01 p. 100: point N covers the section from N - 1 to N. The
+control adds the increment of a point when the axis passes the point in +, also to the left of the
+reference, and does not interpolate. The sum is added to the command, so A = -e. The absolute curve
+is rounded to whole units before its increments are formed: increments that are rounded one by one
+would accumulate their rounding errors.
 """
 
 from dataclasses import dataclass, replace
@@ -29,8 +29,8 @@ LARGEST_MAGNIFICATION = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Points:
-    """Point numbers of an axis: those of the reference (3620), of the lowest section (3621) and of
-    the highest section (3622).
+    """Point numbers of an axis: reference (3620), lowest section (3621) and highest section
+    (3622).
     """
 
     reference: int
@@ -39,8 +39,8 @@ class Points:
 
     @property
     def start(self) -> int:
-        """Return the point number of the table's low end. This point has no data; ``lowest`` is the
-        section above it.
+        """Return the point number of the low end of the table. This point has no data; ``lowest``
+        is the section above the low end.
         """
         return self.lowest - 1
 
@@ -73,10 +73,10 @@ def points_of(axis: AxisPoints, grid_mm: Vector, reference_mm: float, where: str
 def pitch_tables(
     curve: Curve, profile: Profile, options: FanucOptions, already_um: Vector
 ) -> tuple[Table, ...]:
-    """Return the pitch table of an axis, or a table per direction in the bidirectional form.
+    """Return the pitch table of an axis, or one table per direction in the bidirectional form.
 
-    ``already_um`` is the correction that inclination compensation adds at the points of the grid.
-    Raises ``SafetyError`` if no magnification keeps every increment within the limit.
+    ``already_um`` is the inclination compensation at the points of the grid. Raises ``SafetyError``
+    if no magnification keeps every increment within the limit.
     """
     grid, forward, reverse = sampled_um(curve, profile)
     directional = is_directional(curve, profile)
@@ -127,8 +127,6 @@ def _units(
     options: FanucOptions,
     source: str,
 ) -> tuple[list[NDArray[np.float64]], int]:
-    """Return the absolute curves in whole units and the smallest magnification that keeps all
-    increments within the limit."""
     tried = (
         [axis.magnification]
         if axis.magnification is not None

@@ -1,11 +1,11 @@
-"""FANUC punch files: an export changes only digits after a P and no other byte.
+"""FANUC punch files: an export changes only digits after a P.
 
-Evidence: 31 machine dumps compared byte by byte (controllers.md 2.6). Blocks end with LF CR CR, the
-file begins and ends with ``%``, there is no ``;``, ``+``, ``?`` or lower case. New generation
-(0i-D/F, 30i): ``N01825Q1A1P3000A2P3000``; old (16i/18i): ``N01825 A1 P 3000 A2 P 3000``. Pitch data
-are ``N(10000 + point)`` with a bare P. On new controls parameters have numbers above 10000 too and
-carry Q1: a line with Q1 is never pitch data. The text between N and P is copied from the machine's
-own file and never invented.
+Source: 31 machine dumps, compared byte by byte (controllers.md 2.6). Blocks end with LF CR CR, and
+the file begins and ends with ``%``. The file contains no ``;``, ``+``, ``?`` and no lower case. New
+generation (0i-D/F, 30i): ``N01825Q1A1P3000A2P3000``; old generation (16i/18i): ``N01825 A1 P 3000
+A2 P 3000``. Pitch data have the block number ``N(10000 + point)`` and a P without an axis. On new
+controls parameters also have numbers above 10000, and carry Q1: a line with Q1 is never pitch data.
+The text between N and P is copied from the machine's own file.
 """
 
 import re
@@ -32,9 +32,7 @@ _FORBIDDEN = re.compile(rb"[a-z;?+]")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
-    """A block of a punch file: its bytes and its N number (None for a comment or another block
-    without N).
-    """
+    """A block of a punch file: its bytes and its N number (None for a block without N)."""
 
     text: bytes
     number: int | None
@@ -43,14 +41,12 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class PunchFile:
-    """A punch file of the machine, split into blocks that together contain every byte."""
-
     name: str
     blocks: tuple[Block, ...]
 
     @cached_property
     def pitch(self) -> Mapping[int, int]:
-        """Return the pitch data of the file: the stored increment by point number."""
+        """Return the stored increments of the file by point number."""
         found: dict[int, int] = {}
         for block in self.blocks:
             if (match := _pitch_value(block)) is not None and block.number is not None:
@@ -79,8 +75,8 @@ class PunchFile:
         """Return the bytes of the file with new pitch data and new parameters, which are given by
         number and axis.
 
-        Only digits after a P change, and only for numbers in the file: the control refuses unknown
-        numbers. Raises ``SafetyError`` for a pitch point missing in the file.
+        Only digits after a P change, and only for numbers in the file, because the control refuses
+        unknown numbers. Raises ``SafetyError`` for a pitch point that the file lacks.
         """
         missing = sorted(set(pitch) - set(self.pitch))
         if missing:
@@ -95,8 +91,8 @@ class PunchFile:
 
 
 def read_punch(file: ControlFile) -> PunchFile:
-    """Return a punch file split into blocks. Raises ``DataError`` for bytes that the control would
-    not read as intended.
+    """Return the blocks of a punch file. Raises ``DataError`` for bytes that the control would
+    misread.
     """
     data = file.data
     if EOB not in data or re.search(rb"[\r\n]", data.replace(EOB, b"")):

@@ -48,8 +48,6 @@ def read_tables(
 
 
 class _Reader:
-    """The memory of the control after the files have been loaded."""
-
     def __init__(
         self, files: Sequence[PunchFile], profile: Profile, options: FanucOptions
     ) -> None:
@@ -59,8 +57,8 @@ class _Reader:
         self._data = {point: value for file in files for point, value in file.pitch.items()}
 
     def pitch(self, letter: str) -> list[Table]:
-        """Return the pitch table of an axis, or two tables for two directions; none if the files
-        contain no point of the axis' range.
+        """Return the pitch table of an axis, two tables for two directions, or none if the files
+        contain no point of the axis.
         """
         axis = self._options.axis(letter, self._profile.source)
         lowest, highest = self._range(letter, axis)
@@ -84,10 +82,10 @@ class _Reader:
         return [forward, self._pitch_table(letter, position, first, -1, offset)]
 
     def _bidirectional(self, axis: AxisPoints, count: int) -> bool:
-        """Return whether an axis has a second table for travel in -, by its parameter 3605#0.
+        """Return whether parameter 3605#0 gives an axis a second table for travel in -.
 
-        If no file contains this parameter, the answer is yes if the profile asks for both
-        directions and the range of the second table contains data.
+        If no file contains parameter 3605#0, the axis has a second table if the profile requests
+        both directions and the files contain data of a second table.
         """
         bits = self._find(BIDIRECTIONAL, axis.number)
         if bits is not None:
@@ -100,7 +98,6 @@ class _Reader:
         return asked and any(self._data.get(point) for point in range(first, first + count))
 
     def inclination(self, letter: str) -> list[Table]:
-        """Return the inclination compensation of an axis, if the files contain it."""
         number = self._options.axis(letter, self._profile.source).number
         keys = (*lines.INCLINATION_POINTS, *lines.INCLINATION_VALUES)
         if not self._options.axes[letter].inclination or self._find(keys[0], number) is None:
@@ -108,7 +105,7 @@ class _Reader:
         return [self._line_table(lines.INCLINATION, letter, letter, keys, number)]
 
     def straightness(self, name: str, numbers: StraightnessNumbers) -> list[Table]:
-        """Return the four-point table of the straightness ``name``, if the files contain it: a
+        """Return the four-point table of the straightness ``name``, if the files contain one. A
         control with the option but without a table punches the four points as zeros.
         """
         keys = (*numbers.points, *numbers.values)
@@ -137,8 +134,8 @@ class _Reader:
         text = self._find(3624, axis.number)
         if text is None:
             return self._profile.axis(letter).step_mm
-        # Old controls write lengths as integers in least input units, new controls write them in mm
-        # with a decimal point (controllers.md 2.6).
+        # Old controls write lengths as integers in least input units. New controls write
+        # lengths in mm with a decimal point (controllers.md 2.6).
         value = finite(text, f"{self._names}: parameter 3624 A{axis.number}")
         if value < 0:
             raise DataError(
@@ -162,8 +159,8 @@ class _Reader:
                 ),
                 found=message("no-point", number=missing[0]),
             )
-        # The magnification has no effect on an empty table: a machine without compensation need not
-        # state it.
+        # The magnification has no effect on an empty table, so a machine without compensation
+        # need not state it.
         default = (
             axis.magnification
             if any(self._data[point] for point in wanted)
@@ -222,9 +219,6 @@ class _Reader:
     def _number(
         self, number: int, axis: int | None, default: int | None, field: str = ""
     ) -> int:
-        """Return a parameter as a whole number from the files, else the ``default`` that the
-        profile states in ``field``.
-        """
         text = self._find(number, axis)
         where = f"{self._names}: parameter {number}{'' if axis is None else f' A{axis}'}"
         if text is None and default is not None:

@@ -1,12 +1,11 @@
-"""The sets of FANUC straightness parameters in the machine's own file, and the contents of these
-sets.
+"""FANUC straightness parameters in the machine's own files.
 
-B-63522EN/02 15.5 describes the function: a moving axis, a compensated axis, four pitch points of
-the moving axis and the compensation there. No consulted manual states the parameter numbers; the
-numbers below are from memory. These numbers are used only if the profile states the option
-(``straightness_option``) and the machine's own punched parameters contain all ten numbers of a set;
-else only the report shows the table. A control with the option has three sets, which are used for
-the three functions with the largest effect (with squareness).
+B-63522EN/02 15.5 describes a moving axis, a compensated axis, four pitch points of the moving axis
+and the compensation at each point. No consulted manual states the parameter numbers; the numbers
+below are from memory. These numbers are used only if the profile states the option
+(``straightness_option``) and the machine's punched parameters contain all ten numbers of a set.
+Without the option or a complete set, only the report shows the table. A control with the option has
+three sets of parameters, for the three functions with the largest effect (with squareness).
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +31,7 @@ SETS = tuple(
 
 
 def sets_in(files: Sequence[PunchFile]) -> tuple[StraightnessNumbers, ...]:
-    """Return the sets of parameters whose ten numbers are all in one of the files."""
+    """Return the sets of parameters whose ten numbers are all in one file."""
     return tuple(
         one
         for one in SETS
@@ -48,11 +47,11 @@ def given_to(
     files: Sequence[PunchFile],
     source: str,
 ) -> FanucOptions:
-    """Return the options with each set of the machine assigned to a function, in the order of the
-    functions' effect; sets in the profile keep their functions.
+    """Return the options with each set of parameters assigned to a function; the function with the
+    largest effect comes first.
 
-    A function keeps the set that it has in the machine's files, even if the function is not in
-    ``tables``.
+    A set in the profile keeps its function. A function keeps the set that it has in the machine's
+    files, even if the function is not in ``tables``.
 
     Raises ``SafetyError`` (code ``template-missing.parameters``) if the profile states the option
     and no file contains a set.
@@ -84,7 +83,7 @@ def given_to(
 def found_in(
     files: Sequence[PunchFile], options: FanucOptions
 ) -> dict[str, StraightnessNumbers]:
-    """Return the sets in use by the name of the function, which follows from the moving and the
+    """Return the sets in use by the name of their function, which follows from the moving and the
     compensated axis in the files.
     """
     letters = {axis.number: letter for letter, axis in options.axes.items()}

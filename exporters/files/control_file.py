@@ -1,5 +1,3 @@
-"""A file of an export: its name, its bytes and its purpose."""
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
@@ -9,8 +7,8 @@ from typing import Literal
 class ControlFile:
     """A file for the control: plain name, exact bytes, and purpose.
 
-    The purpose is ``data`` for a table of the control (``parse`` reads it back), ``program`` for a
-    part program that loads a table, ``note`` for a text for people.
+    The purpose is ``data`` for a table that ``parse`` reads back, ``program`` for a part program
+    that loads a table, ``note`` for a text for people.
     """
 
     name: str
@@ -19,5 +17,4 @@ class ControlFile:
 
 
 def without_notes(files: Iterable[ControlFile]) -> tuple[ControlFile, ...]:
-    """Return the files that are for the control and not for people, in the same order."""
     return tuple(file for file in files if file.role != "note")

@@ -1,4 +1,4 @@
-"""Reading and writing of lines, for the plain text tables of all controls."""
+"""Lines and numbers of plain text tables, for all controls."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -13,19 +13,18 @@ from stepdiag.exporters.files.control_file import ControlFile
 
 MOST_LINES = 1_000_000
 LONGEST_LINE = 4096
-"""Longest line and largest number of lines of a text file: a lattice of a hundred points an axis
+"""Longest line and largest number of lines of a text file. A lattice with a hundred points per axis
 has a million short lines.
 """
 _SHOWN = 60
 
 
 def ascii_lines(lines: Iterable[str], newline: str = "\n") -> bytes:
-    """Return the bytes of a text file in which ``newline`` ends every line."""
     return "".join(line + newline for line in lines).encode("ascii")
 
 
 def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
-    """Yield the place (``x.com: line 3``) and the text of every line, also of empty lines.
+    """Yield the place (``x.com: line 3``) and the text of every line, including empty lines.
 
     Raises ``DataError`` for bytes that are not ASCII text.
     """
@@ -71,9 +70,10 @@ def headed_lines(file: ControlFile, header: str) -> list[tuple[str, str]]:
 
 
 def number_rows(file: ControlFile, header: str, expected: Message) -> Vector:
-    """Return the numbers of a CSV under its header, shape (rows, columns); empty lines are skipped.
+    """Return the numbers of a CSV under its header, shape (rows, columns). Empty lines are skipped.
 
-    Raises ``DataError`` with the place, for another header or a line that is not as ``expected``.
+    Raises ``DataError``, with the place, for a wrong header or a line that is not as
+    ``expected``.
     """
     lines = headed_lines(file, header)
     columns = len(header.split(","))
@@ -87,8 +87,8 @@ def number_rows(file: ControlFile, header: str, expected: Message) -> Vector:
 
 
 def require_end(file: ControlFile, mark: bytes, end: bytes) -> None:
-    """Raise ``DataError`` if a file of this program, recognised by ``mark``, does not end with the
-    line ``end``, because its end is missing.
+    """Raise ``DataError`` for a truncated file: it contains ``mark``, so it is from stepdiag, but
+    does not end with the line ``end``.
     """
     if mark in file.data and not file.data.rstrip().endswith(end):
         raise DataError(
@@ -100,8 +100,8 @@ def require_end(file: ControlFile, mark: bytes, end: bytes) -> None:
 
 
 def finite(text: str, where: str) -> float:
-    """Return the number in ``text``. Raises ``DataError``, with the place ``where``, for any other
-    text and for infinity and NaN.
+    """Return the number in ``text``. Raises ``DataError``, with the place ``where``, for infinity,
+    NaN and text that is no number.
     """
     try:
         value = float(text)
@@ -113,8 +113,8 @@ def finite(text: str, where: str) -> float:
 
 
 def whole(text: str, where: str) -> int:
-    """Return the whole number in ``text``. Raises ``DataError``, with the place ``where``, for any
-    other text.
+    """Return the whole number in ``text``. Raises ``DataError``, with the place ``where``, for text
+    that is no whole number.
     """
     try:
         value = int(text)
@@ -126,5 +126,4 @@ def whole(text: str, where: str) -> int:
 
 
 def shown(text: str) -> str:
-    """Return a text in quotes for a message, shortened if it is long."""
     return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..")

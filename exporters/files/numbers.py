@@ -11,7 +11,7 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def shortest(value: float) -> str:
-    """Return a position in mm with the fewest digits for an error below 1e-9 mm, at least one
+    """Return a position in mm with the fewest digits whose error is below 1e-9 mm, and at least one
     decimal: ``-200.0``, ``6.25``.
     """
     whole, _, fraction = fixed(value, 9).partition(".")

@@ -1,9 +1,9 @@
-"""Sets of files: a folder with its files and their SHA-256 is written completely or not at all, and
-is read completely or refused.
+"""Folders with files and their SHA-256: a set of files is written completely or not at all, and
+read completely or refused.
 
-A control with half of an export is in a worse state than a control without an export. So a set is
-written into a hidden folder beside the target folder (the restore files first), synced to the disk,
-and renamed once. `SHA256SUMS` lists the members of the set.
+A control with half of an export is worse than a control without an export. So a set is written into
+a hidden folder beside the target folder (restore files first), synced to the disk, and renamed
+once. ``SHA256SUMS`` lists the members of the set.
 """
 
 import hashlib
@@ -29,17 +29,17 @@ from stepdiag.exporters.files.naming import is_restore
 
 SUMS = "SHA256SUMS"
 EPOCH = (1980, 1, 1, 0, 0, 0)
-"""Date of all members of a zip, the oldest possible date: equal files give equal bytes."""
+"""Date of every member of a zip. The date is constant, so that equal files give equal bytes."""
 _LINE = re.compile(r"(?P<digest>[0-9a-f]{64})  (?P<name>[^/\\\x00-\x1f]{1,200})")
 
 
 def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
-    """Write ``files`` and the list of their SHA-256 into a folder that is new or empty, and return
-    all names. If the folder contains an equal set, nothing is written.
+    """Write ``files`` and the list of their SHA-256 into a new or empty folder, and return all
+    names. If the folder already contains an equal set, nothing is written.
 
-    The folder then contains all files or none, even after a loss of power, and of two simultaneous
-    writers only one succeeds. Raises ``UsageError`` if the folder contains other files or cannot be
-    written, or if two files have the same name.
+    After a loss of power the folder contains all files or none. Of two simultaneous writers only
+    one succeeds. Raises ``UsageError`` if the folder contains other files or cannot be written, or
+    if two files have the same name.
     """
     everything = (*files, sums_of(files))
     refuse_file_name(folder)
@@ -56,7 +56,6 @@ def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
 
 
 def sums_of(files: Sequence[ControlFile]) -> ControlFile:
-    """Return the file with the SHA-256 of all files, in the format of ``sha256sum --check``."""
     lines = "".join(
         f"{hashlib.sha256(file.data).hexdigest()}  {file.name}\n" for file in files
     )
@@ -96,10 +95,10 @@ def read_set(folder: Path) -> tuple[ControlFile, ...]:
 
 
 def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
-    """Return the files at the given paths: a folder stands for all files of its set (`read_set`).
+    """Return the files at the given paths. The path of a folder, or of its ``SHA256SUMS``, gives
+    all files of the set (`read_set`).
 
-    A single file of a set must be unchanged (``SafetyError``, code ``set-altered``); the list of a
-    set represents the whole set.
+    A single file of a set must be unchanged (``SafetyError``, code ``set-altered``).
     """
     read: list[ControlFile] = []
     for path in paths:
@@ -116,11 +115,11 @@ def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
 
 
 def zip_of(folder: Path, *, restore: bool) -> bytes:
-    """Return the files of a set as a zip, either without the restore files or with these alone; the
-    ``SHA256SUMS`` in the zip lists the contents of the zip.
+    """Return the files of a set as a zip: with ``restore`` the restore files, otherwise all other
+    files. ``SHA256SUMS`` in the zip lists the contents of the zip.
 
-    The packed bytes are the bytes compared with the list: a set altered during the download is
-    refused, with the SafetyError of `read_set`.
+    The packed bytes are the bytes that were compared with the list, so a set that is altered during
+    the download is refused with the ``SafetyError`` of `read_set`.
     """
     files = [
         file
@@ -163,7 +162,7 @@ def listed(folder: Path) -> dict[str, str]:
 
 
 def whole(folder: Path) -> bool:
-    """Return whether a folder holds a complete and unaltered set."""
+    """Return whether a folder contains a complete and unaltered set."""
     try:
         read_set(folder)
     except (SafetyError, DataError, UsageError, OSError):
@@ -206,9 +205,6 @@ def _refuse_doubled(folder: Path, files: Sequence[ControlFile]) -> None:
 
 
 def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
-    """Return whether the folder already contains the set. Raises ``UsageError`` if the folder
-    contains other files.
-    """
     if not target.exists() or (target.is_dir() and not any(target.iterdir())):
         return False
     if target.is_dir() and all(holds(target / file.name, file.data) for file in files):
@@ -222,7 +218,6 @@ def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
 
 
 def _rename_into_place(target: Path, files: Sequence[ControlFile]) -> None:
-    """Write the files into a folder beside the target, and rename this folder to the target."""
     with folder_made(target.parent), part_of(target) as part:
         for file in _restore_first(files):
             write_through(part / file.name, file.data)

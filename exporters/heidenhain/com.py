@@ -1,8 +1,9 @@
 """The text of Heidenhain .COM and .CMA tables: first line, heading, numbered rows, ``[END]``.
 
-KinematicsComp (iTNC 530 HSCI technical manual pp. 666-686) adds the columns C1 to C6 for the six
-errors of the table's axis: displacements in X, Y, Z in mm, turns about X, Y, Z, here in degrees as
-for ``Trans`` of the kinematics table (from memory: no consulted page names the unit of the column).
+KinematicsComp (iTNC 530 HSCI technical manual pp. 666-686) adds columns C1 to C6 for the six errors
+of the axis: displacements in X, Y, Z in mm, and rotations about X, Y, Z. stepdiag writes rotations
+in degrees, the unit of ``Trans`` in the kinematics table (from memory: no consulted page states the
+unit of C4 to C6).
 """
 
 import re
@@ -33,13 +34,13 @@ _WIDTH = 16
 COMPONENTS = ("C1", "C2", "C3")
 TURNS = ("C4", "C5", "C6")
 DEGREE_DECIMALS = 8
-"""Number of decimal places of an angle in degrees: the last place is 0.0002 urad."""
+"""Decimal places of an angle in degrees: the last place is 0.0002 urad."""
 _URAD_PER_DEGREE = np.pi / 180.0 * 1e6
 
 
 def file_name(axis: str, positions: bool) -> str:
-    """Return the file name of the table of an input axis, for controls with (``positions``) or
-    without a column of positions.
+    """Return the file name of the table of an input axis. ``positions`` is true for a control with
+    a column of positions.
     """
     return f"AXIS_{axis}.COM" if positions else f"AXIS-{axis}.COM"
 
@@ -58,9 +59,9 @@ def axis_in(name: str, axes: Sequence[str]) -> str:
 def render(
     tables: Sequence[Table], profile: Profile, *, positions: bool, decimals: int
 ) -> ControlFile:
-    """Return the .COM file of the tables of one input axis, which share a grid.
+    """Return the .COM file of one input axis, whose tables share a grid.
 
-    With ``positions`` the file has the newer form with a column AXISPOS; else the first line
+    With ``positions`` the file has the newer form with a column AXISPOS. Otherwise the first line
     contains DATUM and DISTANCE.
     """
     name, grid = str(tables[0].place["file"]), tables[0].position_mm
@@ -100,7 +101,6 @@ def render(
 
 
 def _kinematics_cells(tables: Sequence[Table], decimals: int) -> dict[str, list[str]]:
-    """Return the texts of those columns among C1 to C6 for which there is a table."""
     cells: dict[str, list[str]] = {}
     for table in tables:
         if COLUMN not in table.place:
@@ -132,8 +132,8 @@ def render_assignment(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """Interpretation of a table: the kinds of the columns, the law of the values, and the
-    ``levers`` of the angles (None if the profile states no chain).
+    """Instructions for reading a table: kinds of the columns, law of the values, and ``levers`` of
+    the angles (None if the profile states no chain).
     """
 
     kind: str
@@ -143,8 +143,8 @@ class Reading:
 
 
 def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> list[Table]:
-    """Return the tables of a .COM file: one for each axis with a column, and those of C1 to C6.
-    Raises ``DataError`` for a wrong file.
+    """Return the tables of a .COM file: one for each axis with a column, and the tables of C1 to
+    C6. Raises ``DataError`` for a wrong file.
     """
     begin, columns, rows = _com_cells(file)
     index = {column: place for place, column in enumerate(columns)}
@@ -218,9 +218,6 @@ def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> 
 def _kinematics(
     column: str, value: Vector, like: Table, profile: Profile, how: Reading, levers: Vector
 ) -> Iterator[Table]:
-    """Yield the tables of the movements by a column of C1 to C6; a displacement along the axis
-    itself only if it is not zero.
-    """
     letter = like.input_axis
     if column in TURNS:
         angle = Angle(
@@ -296,8 +293,8 @@ def _com_cells(
     """Return the first line, the names of the columns, and the cells of each row with the place of
     the row.
 
-    With ``free_cells`` cells may be empty, so a row is cut where the columns of the heading begin;
-    else it is cut at blanks.
+    With ``free_cells`` cells may be empty, so a row is split where the columns of the heading
+    begin. Otherwise a row is split at blanks.
     """
     lines = [(at, line) for at, line in read_lines(file) if line.strip()]
     begin = _BEGIN.match(lines[0][1]) if lines else None
@@ -334,9 +331,6 @@ def _cut(line: str, starts: Sequence[int]) -> list[str]:
 
 
 def _heading(columns: Sequence[str], ending: str, profile: Profile) -> str:
-    """Return the heading of the control's own file if that has the same columns, else a heading
-    with assumed widths.
-    """
     for file in profile.existing:
         if file.name.upper().endswith(ending):
             own = [line for _, line in read_lines(file)][1:2]

@@ -2,16 +2,17 @@
 to the axes, for two generations of controls.
 
 MANUALplus 620 technical manual pp. 716, 718 (TNC 640 alike), TNC 407 technical manual pp. 153, 622:
-the column Z of the table that the .CMA names under Y holds Z = F(Y), so the columns beside the
-positioning errors hold straightness and squareness. Newer controls have the position in each row
-(``AXISPOS``), older ones a ``DATUM`` and a ``DISTANCE`` in the first line. The values are errors in
-mm: MP720 calls an error positive when the table travels too far (TNC 407 p. 151). No page states
-the sense for .COM, so a sign test is necessary. Column widths are those of the control's own file
-if the profile names it.
+in the table that the .CMA file assigns to Y, the column Z contains Z = F(Y). So the columns of the
+other axes contain straightness and squareness. Newer controls have the position in each row
+(``AXISPOS``), older controls a ``DATUM`` and a ``DISTANCE`` in the first line. The values are
+errors in mm: MP720 calls an error positive if the table travels too far (TNC 407 p. 151). No page
+states the sense of .COM values, so a sign test is necessary. If the profile contains a .COM file of
+the control, the new files use its column widths.
 
-KinematicsComp of the iTNC 530 (HSCI technical manual pp. 666-686): with ``chain`` the columns C1 to
-C6 of an axis' table hold its errors other than positioning, and five rows before its ``MachAxis``
-in the kinematics table activate them, turns with their levers.
+KinematicsComp of the iTNC 530 (HSCI technical manual pp. 666-686): with ``chain`` in the profile,
+columns C1 to C6 of an axis contain all its errors except the positioning error. Five rows before
+``MachAxis`` of the axis in the kinematics table activate these columns, and apply the rotations
+with their levers.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -49,8 +50,8 @@ LAW = Law(sense="as-error")
 Generation = Literal["tnc640", "itnc530", "tnc4xx"]
 _MOST_POINTS = 256
 _NEIGHBOUR_UM_MM = 1000.0 / 64.0
-"""Largest difference of neighbouring values in um for each mm of spacing: a 64th of the spacing
-(TNC 306 technical manual p. 119).
+"""Largest difference of neighbouring values in um per mm of spacing: a 64th of the spacing (TNC 306
+technical manual p. 119).
 """
 _TENTH_UM_PER_MM = 10000.0
 _QUANTUM_URAD = 1e6 * np.pi / 180.0 * 10.0**-com.DEGREE_DECIMALS
@@ -59,10 +60,6 @@ _QUANTUM_URAD = 1e6 * np.pi / 180.0 * 10.0**-com.DEGREE_DECIMALS
 class HeidenhainOptions(
     msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
 ):
-    """The section ``[heidenhain]`` of a profile: the generation of the control and the decimal
-    places of a value.
-    """
-
     generation: Generation
     chain: str | None = None
     decimals: Annotated[int, msgspec.Meta(ge=4, le=6)] = 4
@@ -87,8 +84,6 @@ generation = "?"
 
 @dataclass(frozen=True, slots=True)
 class Heidenhain:
-    """Heidenhain contouring controls in the form of `exporters.tables.controller.Controller`."""
-
     name: str = "heidenhain"
     title: str = "Heidenhain TNC 640/620, iTNC 530, TNC 4xx (.COM and .CMA)"
     kinds: tuple[str, ...] = (KIND, KINEMATICS)
@@ -96,20 +91,17 @@ class Heidenhain:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> HeidenhainOptions:
-        """Return the options of a provisional export, for the newer generation of controls."""
         return HeidenhainOptions(generation="tnc640")
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - the same for every table
-        """Return the limits of the older controls for a table; the limits of newer controls are not
-        public.
-        """
+        """Return the limits of the older controls. The limits of newer controls are not public."""
         if profile.options_as(HeidenhainOptions).generation == "tnc640":
             return Limits()
         return Limits(points=_MOST_POINTS, neighbour_um_mm=_NEIGHBOUR_UM_MM, slope_um_mm=None)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return one table for each curve: the mean of both directions, because the sense of the
-        BACKLASH column is not public.
+        """Return one table for each curve. The values are the mean of both directions, because the
+        sense of the BACKLASH column is not public.
         """
         tables = [table for curve in curves for table in _curve_tables(curve, profile)]
         if profile.options_as(HeidenhainOptions).generation == "tnc4xx":
@@ -119,9 +111,6 @@ class Heidenhain:
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the tables of the curves, and with ``chain`` also the tables of the angles, for
-        the columns of KinematicsComp.
-        """
         levers = _levers(profile)
         if levers is None:
             return self.plan(curves, profile)
@@ -144,8 +133,8 @@ class Heidenhain:
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return the .COM files and the .CMA file; these cannot contain a comment, so a separate
-        note contains the ``notes``.
+        """Return the .COM files and the .CMA file. These files cannot contain comments, so the
+        ``notes`` are a separate file.
         """
         named = _called(profile) | {
             profile.axis(table.input_axis).name: str(table.place["file"]) for table in tables
@@ -166,7 +155,6 @@ class Heidenhain:
         return (*self._com_files(tables, profile), self._assignment(named, profile), *beside)
 
     def _com_files(self, tables: Sequence[Table], profile: Profile) -> list[ControlFile]:
-        """Return a .COM file for the tables of each input axis."""
         options = profile.options_as(HeidenhainOptions)
         by_input = [
             [table for table in tables if table.input_axis == letter] for letter in "XYZ"
@@ -185,7 +173,7 @@ class Heidenhain:
         )
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables that the active line of the .CMA file calls; without a .CMA file, each
+        """Return the tables that the active line of the .CMA file calls. Without a .CMA file, each
         .COM file belongs to the axis in its name.
         """
         coms = [file for file in files if file.name.upper().endswith(".COM")]
@@ -241,8 +229,8 @@ class Heidenhain:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the tables that the last .CMA file calls, each from the last .COM file of its
-        name; the control decides which .CMA file is active.
+        """Return the tables that the last .CMA file calls, each from the last .COM file with its
+        name. The control itself decides which .CMA file is active.
         """
         called = [
             file
@@ -254,8 +242,8 @@ class Heidenhain:
         return self.parse([*tables, *called], profile) if tables else ()
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the machine's own tables and .CMA file as restore files. Without an own .CMA file,
-        a generated one calls the own tables, and zeros replace the new tables.
+        """Return the machine's own tables and .CMA file. If the machine has no .CMA file, a
+        generated one calls its tables, and zeros replace the new tables.
         """
         if any(file.name.upper().endswith(".CMA") for file in profile.existing):
             return profile.existing
@@ -267,18 +255,17 @@ class Heidenhain:
         return (*profile.existing, *self._com_files(zeros, profile), assignment)
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file is a .COM or .CMA table, by its name and first word."""
         return file.name.upper().endswith((".COM", ".CMA")) and file.data.startswith(
             b"BEGIN "
         )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return the rows of the report, one for each point of the table."""
         return plain_rows(table)
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
         """Return the steps for the service engineer (MANUALplus 620 pp. 716-718; TNC 407 pp.
-        151-156, 622)."""
+        151-156, 622).
+        """
         older = profile.options_as(HeidenhainOptions).generation != "tnc640"
         return (
             "Back up the machine parameters and every .COM and .CMA file of the control.",
@@ -337,8 +324,8 @@ class Heidenhain:
 
 
 def _levers(profile: Profile) -> Vector | None:
-    """Return the levers of the angles in KinematicsComp: the rows before an axis turn only the
-    parts that this axis carries, so the axis' own travel is no lever.
+    """Return the levers of the angles in KinematicsComp. The rows before an axis rotate only the
+    parts that the axis carries, so the travel of the axis itself is no lever.
 
     Raises ``UsageError`` for a chain on a control without a public form of KinematicsComp.
     """
@@ -357,8 +344,8 @@ def _levers(profile: Profile) -> Vector | None:
 
 def _called(profile: Profile) -> dict[str, str]:
     """Return the name of the machine's own table of each axis, from the own .CMA file or from the
-    names of the tables, so that the new .CMA file still calls tables that the export does not
-    change.
+    names of the tables. With these names, the new .CMA file still calls the tables that the export
+    does not change.
     """
     assignments = [file for file in profile.existing if file.name.upper().endswith(".CMA")]
     if assignments:
@@ -378,8 +365,8 @@ def _place(input_axis: str, profile: Profile) -> dict[str, int | str]:
 
 
 def _curve_tables(curve: Curve, profile: Profile) -> tuple[Table, ...]:
-    """Return the tables of a curve; with KinematicsComp a straightness goes into the column C1 to
-    C3 of its direction.
+    """Return the tables of a curve. With KinematicsComp, a straightness is written into the column
+    C1 to C3 of its direction.
     """
     options = profile.options_as(HeidenhainOptions)
     quantum_um, place, kind = (
@@ -395,9 +382,6 @@ def _curve_tables(curve: Curve, profile: Profile) -> tuple[Table, ...]:
 
 
 def _kinematics_lines(tables: Sequence[Table], profile: Profile) -> Iterator[str]:
-    """Yield the rows of the kinematics table that activate the columns C1 to C6, with remarks about
-    what the manuals leave open.
-    """
     chain = parse_chain(str(profile.options_as(HeidenhainOptions).chain))
     yield (
         "# KinematicsComp, iTNC 530: rows for the kinematics table, columns NR DOC KEY AXIS "

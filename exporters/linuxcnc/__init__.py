@@ -1,5 +1,1 @@
-"""LinuxCNC: COMP_FILEs.
-
-Input: tables. Output: files of this control, and tables read back from such files.
-`profiles.registry` imports this package.
-"""
+"""LinuxCNC: COMP_FILEs, squareness coefficients of matrixkins, and a kinematics component."""

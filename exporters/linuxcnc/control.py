@@ -2,12 +2,12 @@
 squarenesses.
 
 Source read at commit 5c41560: inijoint.cc, usrmotintf.cc, command.c, control.c, matrixkins.comp. A
-row of type 0 is ``nominal forward-actual reverse-actual``, where forward-actual and reverse-actual
-are real positions, so that no sign can be wrong. The first line that does not give three numbers
-silently ends the file: no comments. A file has at most 256 rows with rising nominal positions. The
-control interpolates linearly between rows, keeps the end values beyond them, and adds the
-correction in joint space after the kinematics. It has no table for straightness; a finding names
-the straightness that remains.
+row of type 0 is ``nominal forward-actual reverse-actual``. Both actual values are real positions,
+so the file has no sign that could be wrong. The first line without three numbers ends the file
+without an alarm, so the file contains no comments. A file has at most 256 rows with rising nominal
+positions. The control interpolates linearly between rows, uses the end values outside, and adds the
+correction in joint space after the kinematics. LinuxCNC has no table for straightness; a finding
+names the straightness that remains.
 """
 
 import re
@@ -61,10 +61,6 @@ _SETP = re.compile(
 
 
 class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The section ``[linuxcnc]`` of a profile: the joints of each axis, and the decimal places of a
-    correction.
-    """
-
     joints: dict[str, list[int]]
     way: Literal["screw", "kinematics"] = "screw"
     matrixkins: bool = True
@@ -86,8 +82,6 @@ matrixkins = "?"
 
 @dataclass(frozen=True, slots=True)
 class LinuxCnc:
-    """LinuxCNC in the form of `exporters.tables.controller.Controller`."""
-
     name: str = "linuxcnc"
     title: str = "LinuxCNC (COMP_FILE type 0 and matrixkins)"
     kinds: tuple[str, ...] = (SCREW, MATRIX)
@@ -95,14 +89,11 @@ class LinuxCnc:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> LinuxCncOptions:
-        """Return the options of a provisional export: joints 0, 1, 2 for X, Y, Z, as with
-        ``trivkins coordinates=XYZ``.
-        """
         return LinuxCncOptions(joints={"X": [0], "Y": [1], "Z": [2]})
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return the largest size of a table, and the part of its values that replaces BACKLASH;
-        the control checks neither value nor slope.
+        """Return the largest size of a table, and the part of its values that replaces BACKLASH.
+        The control checks neither value nor slope.
         """
         if table.kind != SCREW:
             return Limits()
@@ -116,8 +107,8 @@ class LinuxCnc:
         """Return screw tables for positioning errors and a coefficient for each squareness.
 
         Raises ``UsageError`` if the machine has the kinematics component, which uses a lattice and
-        no tables; ``SafetyError`` (code ``profile-incomplete.backlash``) for a profile without the
-        BACKLASH that a COMP_FILE switches off.
+        no tables. Raises ``SafetyError`` (code ``profile-incomplete.backlash``) if the profile
+        lacks BACKLASH, which a COMP_FILE switches off.
         """
         if profile.options_as(LinuxCncOptions).way == "kinematics":
             remedy = message("sense-component-stands-its")
@@ -152,8 +143,8 @@ class LinuxCnc:
         )
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
-        """Return the functions to write; a function with a squareness brings its partner, because
-        the straight lines of both determine the coefficient.
+        """Return the functions to write. A function with a squareness brings the second function of
+        its pair of axes, because the straight lines of both determine the coefficient.
         """
         partners = {f"E{name[2]}{name[1]}" for name in names if name in fold.values()}
         return tuple(name for name in FUNCTIONS if name in partners or name in names)
@@ -161,9 +152,6 @@ class LinuxCnc:
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return the files ``screw_x.comp`` .. of the axes, ``squareness.hal``, and a note with the
-        lines for the INI file.
-        """
         screws = {
             letter: [t for t in tables if t.kind == SCREW and t.input_axis == letter]
             for letter in "XYZ"
@@ -182,8 +170,9 @@ class LinuxCnc:
         return (*files, change(before, self._naming(profile, files, before), notes))
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables of screw files (the file name names the axis) and of HAL files with
-        matrixkins coefficients."""
+        """Return the tables of screw files, whose names contain the axis, and of HAL files with
+        matrixkins coefficients.
+        """
         tables: list[Table] = []
         for file in without_notes(files):
             if lattice.recognises(file):
@@ -199,9 +188,6 @@ class LinuxCnc:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the tables that are active after loading: those of the COMP_FILEs and of the HAL
-        file that the INI file names.
-        """
         return overwritten(
             self.parse(own, profile),
             self.parse(new, profile),
@@ -209,8 +195,8 @@ class LinuxCnc:
         )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the machine's own files as restore files, and the lines to remove from the INI
-        file, because a COMP_FILE of zeros would still disable BACKLASH.
+        """Return the machine's own files, and the lines to remove from the INI file: a COMP_FILE of
+        zeros would still disable BACKLASH.
         """
         before = self._naming(profile)
         written = [file for file in self.render(tables, profile) if file.role == "data"]
@@ -226,9 +212,6 @@ class LinuxCnc:
         files: Sequence[ControlFile] | None = None,
         over: Naming | None = None,
     ) -> Naming:
-        """Return the file names in the INI file, for the machine's own files or for new files that
-        replace some of them.
-        """
         joints, inch = (
             profile.options_as(LinuxCncOptions).joints,
             profile.machine.units == "inch",
@@ -242,7 +225,6 @@ class LinuxCnc:
         )
 
     def _active(self, profile: Profile) -> tuple[Table, ...]:
-        """Return the screw tables that were active during the measurement."""
         if profile.machine.measured_with == "off" or not profile.existing:
             return ()
         return tuple(
@@ -250,26 +232,20 @@ class LinuxCnc:
         )
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the part program ``READ_BACK.ngc`` and the script that it calls."""
         return read_back_files(
             [table for table in tables if table.kind == SCREW], unit_mm(profile)
         )
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file sets matrixkins, or begins with three numbers and has the letter
-        of one axis in its name.
-        """
         first = file.data.split(b"\n", 1)[0].decode("ascii", errors="replace")
         return b"setp matrixkins." in file.data or (
             _three_numbers(first) is not None and axis_in(file.name) is not None
         )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return the rows of the report, one for each point of the table."""
         return plain_rows(table)
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
-        """Return the steps for the person who maintains the configuration."""
         return (
             (
                 f"Back up the configuration folder. The files are in {profile.machine.units}, the "
@@ -315,9 +291,6 @@ class LinuxCnc:
 
 
 def _squareness_remark(curves: Sequence[Curve]) -> Iterator[Finding]:
-    """Yield the finding that names the squarenesses that are not written, for a control without
-    matrixkins.
-    """
     if names := [
         part for curve in curves for part in curve.parts if part in SQUARENESS_SLOPE
     ]:
@@ -325,7 +298,6 @@ def _squareness_remark(curves: Sequence[Curve]) -> Iterator[Finding]:
 
 
 def unit_mm(profile: Profile) -> float:
-    """Return the machine's length unit in mm."""
     return 25.4 if profile.machine.units == "inch" else 1.0
 
 
@@ -342,11 +314,10 @@ def _lattice_in_control(file: ControlFile, profile: Profile) -> SafetyError:
 def _taken_over(
     letter: str, active: Sequence[Table], profile: Profile
 ) -> tuple[float, float]:
-    """Return the values in um, as errors, that the forward and the reverse column of an axis
-    contain in addition to the measured error.
+    """Return the offsets in um, as errors, of the forward and the reverse column of an axis.
 
-    control.c adds half of BACKLASH in + and subtracts half in -, but adds nothing with a COMP_FILE:
-    so the columns must contain the BACKLASH that was active during the measurement. If a COMP_FILE
+    control.c adds half of BACKLASH in + and subtracts half in -, but does neither with a COMP_FILE.
+    So the columns must contain the BACKLASH that was active during the measurement. If a COMP_FILE
     was active, its offset at the reference is kept.
     """
     old = [table for table in active if table.input_axis == letter and table.direction >= 0]
@@ -369,8 +340,8 @@ def _taken_over(
 def _with_backlash(
     tables: Sequence[Table], forward_um: float, reverse_um: float
 ) -> tuple[Table, ...]:
-    """Return the tables of an axis with an offset per direction; a single table if both columns of
-    the file have the same values.
+    """Return the tables of an axis with an offset per direction. If both columns have the same
+    values, the axis has a single table.
     """
     ways = ((tables[0], 1, forward_um), (tables[-1], -1, reverse_um))
     forward, reverse = (
@@ -391,12 +362,12 @@ def _screw_name(letter: str) -> str:
 
 
 def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
-    """Return the squareness of two axes as a table of one coefficient; its correction is zero at
+    """Return the squareness of two axes as a table of one coefficient. Its correction is zero at
     the machine zero, not at the reference.
 
-    A coefficient turns one axis against another and has no other effect. The straight lines that
-    fit both curves of the pair give the best turn over the volume; the line through the ends of the
-    curve with the squareness does not.
+    A coefficient only rotates one axis against the other. The best rotation over the volume follows
+    from the straight lines that fit both curves of the pair, and not from the end-point line of the
+    curve with the squareness.
     """
     slope = (
         straight_line_um_mm(curve) + sum(straight_line_um_mm(other) for other in partner)
@@ -408,9 +379,8 @@ def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
 
 
 def _partner(curve: Curve, curves: Sequence[Curve]) -> list[Curve]:
-    """Return the curve of the second function of the pair of axes, for a new squareness
-    coefficient; none if the coefficient comes from an old table, which already contains both
-    curves.
+    """Return the second curve of the pair of axes, for a new squareness coefficient. A coefficient
+    from an old table already contains both curves, so no curve is returned.
     """
     pair = [
         each
@@ -450,8 +420,8 @@ def _coefficient_line(table: Table) -> str:
 
 
 def _screw_file(tables: Sequence[Table], profile: Profile) -> bytes:
-    """Return the bytes of a COMP_FILE; nominal and actual positions have equally many places, so
-    that the difference is the exact value.
+    """Return the bytes of a COMP_FILE. Nominal and actual positions have the same number of
+    decimals, so their difference is the exact value.
     """
     unit = unit_mm(profile)
     forward = next(table for table in tables if table.direction >= 0)
@@ -504,9 +474,6 @@ def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
 
 
 def _comp_rows(file: ControlFile) -> Iterator[tuple[float, float, float]]:
-    """Yield the rows of a COMP_FILE. Raises DataError for a line that the control would read as the
-    end of the file.
-    """
     last = -np.inf
     for where, line in read_lines(file):
         row = _three_numbers(line)

@@ -1,5 +1,5 @@
-"""The lines of LinuxCNC's INI file that activate files: those that an export adds and removes, and
-the reverse of this change.
+"""The lines of LinuxCNC's INI file that activate files, and notes with the lines to add and to
+remove.
 """
 
 import re
@@ -38,8 +38,8 @@ class Naming:
     """Names in an INI file: the COMP_FILE of each joint, the kinematics module with its arguments,
     and the HAL file of an export.
 
-    ``limits`` are the software limits of each joint in the machine's unit, if an export changes
-    them.
+    ``limits`` contains the software limits of each joint in the machine's unit, if an export
+    changes them.
     """
 
     comp: Mapping[int, str] = field(default_factory=dict)
@@ -48,7 +48,6 @@ class Naming:
     limits: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     def lines(self) -> list[tuple[str, str]]:
-        """Return the section and the text of each line, in the order of the file."""
         comp = [
             (f"[JOINT_{joint}]", line)
             for joint, name in sorted(self.comp.items())
@@ -99,8 +98,8 @@ def named_by(
     source: str,
     over: Naming | None = None,
 ) -> Naming:
-    """Return the names in the INI file that activate ``files`` and keep the earlier names ``over``;
-    a lattice replaces all earlier names.
+    """Return the names in the INI file that activate ``files`` and keep the earlier names ``over``.
+    A lattice replaces all earlier names.
 
     Raises ``UsageError`` for an axis without joints in the profile.
     """
@@ -133,8 +132,8 @@ def named_by(
 
 
 def change(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFile:
-    """Return a note with the lines that change an INI file from the names ``before`` to ``after``:
-    plain lines if no line has to be removed.
+    """Return a note with the lines that change an INI file from the names ``before`` to ``after``.
+    If no line has to be removed, the note contains only the new lines.
     """
     old, new = before.lines(), after.lines()
     rows = (
@@ -148,14 +147,13 @@ def change(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlF
 
 
 def back(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFile:
-    """Return a note with the lines that change the INI file from ``after`` back to ``before``."""
     rows = [*_BACK, *(f"# {note}" for note in notes), *_changed(after, before)]
     return ControlFile(name=NAME, data=ascii_lines(rows), role="note")
 
 
 def unless_named(before: Naming, measured_with: str) -> tuple[str, ...]:
-    """Return the remark about the machine's own COMP_FILEs if they were inactive during the
-    measurement, because the INI file may not have named them.
+    """Return a remark if the machine's own COMP_FILEs were inactive during the measurement: the INI
+    file then need not contain their names.
     """
     return (UNLESS_NAMED,) if before.comp and measured_with == "off" else ()
 

@@ -1,16 +1,16 @@
-"""LinuxCNC: compensation of the whole error field by this program's kinematics component, which
+"""LinuxCNC: compensation of the whole error field by the kinematics component of stepdiag, which
 reads a lattice when the control starts.
 
-LinuxCNC has no volumetric compensation; a kinematics module can provide it, because only this
-module processes all axes at once. The component ``stepdiagkins.c`` replaces ``trivkins``;
-``halcompile`` (package linuxcnc-uspace-dev) builds it on the control. The source shows the
-component's effect on the joints, so its sense is known and needs no sign test. The lattice contains
-the mean of both directions; ``BACKLASH``, which a COMP_FILE would switch off, corrects the
-reversal.
+LinuxCNC has no volumetric compensation. A kinematics module can provide volumetric compensation,
+because this module processes all axes together. The component ``stepdiagkins.c`` replaces
+``trivkins``; ``halcompile`` (package linuxcnc-uspace-dev) builds it on the control. The source code
+of the component shows its effect on the joints, so no sign test is needed. The lattice contains the
+mean of both directions. ``BACKLASH`` corrects the reversal; a COMP_FILE would switch ``BACKLASH``
+off.
 
-LinuxCNC compares the limits of an axis ([AXIS_L]) with its command and the limits of a joint
-([JOINT_n]) with the output of the kinematics: at the ends of the travel a joint stands beyond its
-axis by the correction, so the joint limits are widened by the largest correction.
+LinuxCNC compares the limits of an axis ([AXIS_L]) with its command, and the limits of a joint
+([JOINT_n]) with the output of the kinematics. At the ends of the travel, the correction moves a
+joint beyond the limits of its axis. So the joint limits are widened by the largest correction.
 """
 
 import math
@@ -61,11 +61,11 @@ def require_room(axes_mm: Sequence[Vector], profile: Profile) -> None:
 
 
 def control_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[ControlFile, ...]:
-    """Return the lattice, the component's source, its HAL lines, and the lines for the INI file as
-    a note.
+    """Return the lattice, the source code of the component, its HAL lines, and a note with the
+    lines for the INI file.
 
-    The lines for the INI file remove the names of the machine's own files, because COMP_FILEs and
-    coefficients would act in addition to the lattice, and widen the limits of the joints. Raises
+    The note removes the names of the machine's own files, because COMP_FILEs and coefficients would
+    act in addition to the lattice. The note also widens the limits of the joints. Raises
     ``UsageError`` for joint numbers with a gap.
     """
     file = lattice.render(held)
@@ -86,8 +86,8 @@ def control_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[Cont
 
 
 def restore_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[ControlFile, ...]:
-    """Return the files that restore the state before the lattice: the machine's own files, the
-    lines for the INI file, and a lattice of zeros if there was no lattice before.
+    """Return the machine's own files, the lines for the INI file, and a lattice of zeros if the
+    machine had no lattice.
     """
     file = lattice.render(held)
     before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))
@@ -105,8 +105,8 @@ def restore_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[Cont
 
 
 def room_findings(held: Lattice, profile: Profile) -> Iterator[Finding]:
-    """Yield a warning for each axis whose joint would leave the travel while the axis is still
-    inside its travel.
+    """Yield a warning for each axis whose joint would leave the travel although the axis stays
+    within its travel.
     """
     for index, (letter, at) in enumerate(zip("XYZ", held.axes_mm, strict=True)):
         travel = profile.axis(letter).travel_mm
@@ -128,7 +128,6 @@ def room_findings(held: Lattice, profile: Profile) -> Iterator[Finding]:
 
 
 def _naming(files: Sequence[ControlFile], profile: Profile, joints: Joints) -> Naming:
-    """Return the names in the INI file for these files, with the limits of the joints."""
     named = named_by(
         files, joints, inch=profile.machine.units == "inch", source=profile.source
     )
@@ -139,8 +138,6 @@ def _naming(files: Sequence[ControlFile], profile: Profile, joints: Joints) -> N
 def _limits(
     held: Lattice | None, profile: Profile, joints: Joints
 ) -> Mapping[int, tuple[float, float]]:
-    """Return the limits of the joints in the machine's unit: the stated travel, widened by the
-    largest correction."""
     unit = 25.4 if profile.machine.units == "inch" else 1.0
     limits: dict[int, tuple[float, float]] = {}
     for index, letter in enumerate("XYZ"):
@@ -154,9 +151,6 @@ def _limits(
 
 
 def _limits_unstated(held: Lattice, profile: Profile, joints: Joints) -> Iterator[str]:
-    """Yield a note with the necessary shift of the joint limits, for each axis whose travel the
-    profile does not state.
-    """
     for index, letter in enumerate("XYZ"):
         if profile.axis(letter).travel_mm is None:
             names = ", ".join(f"[JOINT_{joint}]" for joint in joints.get(letter, ()))
@@ -168,12 +162,10 @@ def _limits_unstated(held: Lattice, profile: Profile, joints: Joints) -> Iterato
 
 
 def _largest_mm(held: Lattice, axis: int) -> float:
-    """Return the largest correction of an axis in mm, as the next whole micrometre above it."""
     return (math.floor(float(np.max(np.abs(held.vectors_um[..., axis])))) + 1) / 1000.0
 
 
 def instructions(profile: Profile) -> tuple[str, ...]:
-    """Return the steps for the person who maintains the configuration."""
     return (
         (
             f"Back up the configuration folder. Its unit is {profile.machine.units}; the lattice "

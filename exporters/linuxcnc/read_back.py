@@ -1,5 +1,5 @@
-"""Files that read the table values back from a running LinuxCNC (a part program that stops at every
-row from both sides, and a script that reads HAL), and the script that loads COMP_FILEs.
+"""Files for LinuxCNC: a part program that stops at every row of the tables from both sides, a
+script that reads the table values from HAL meanwhile, and a script that loads COMP_FILEs.
 """
 
 from collections.abc import Sequence
@@ -10,8 +10,8 @@ from stepdiag.exporters.tables.tables import Table
 
 NAMES = ("READ_BACK.ngc", "stepdiag_back.py", "load_comp.py")
 _BEYOND = 1.0
-"""Distance, in units of the machine, that the program drives beyond the first and the last row, so
-that these rows are also reached from both sides.
+"""Distance, in units of the machine, by which the program drives beyond the first and the last row,
+so that the axis also reaches these rows from both sides.
 """
 _DWELL_S = 0.5
 """Dwell of the program at a row, in seconds: the reading script accepts a stop after 0.25 s, and
@@ -22,7 +22,8 @@ _FEED_MM_MIN = 6000
 
 def read_back_files(screws: Sequence[Table], unit_mm: float) -> tuple[ControlFile, ...]:
     """Return, for screw tables, the part program and the script that read them back, and the
-    loading script, which compares the contents of the configuration; none without tables.
+    loading script, which compares the control with the machine's own files. Without tables, return
+    no files.
     """
     if not screws:
         return ()

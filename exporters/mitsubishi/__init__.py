@@ -1,5 +1,1 @@
-"""Mitsubishi: machine error compensation parameters.
-
-Input: tables. Output: files of this control, and tables read back from such files.
-`profiles.registry` imports this package.
-"""
+"""Mitsubishi: machine error compensation parameters."""

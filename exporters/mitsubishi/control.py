@@ -1,12 +1,13 @@
 """Mitsubishi Meldas/M series: memory-type relative position error compensation, as a list of
-parameters for typing in at the control.
+parameters to type in at the control.
 
-C64 and E68 manuals (pp. 280, 379): for each pair of base and compensated axis (#4001, #4002, the
-next pair 10 higher) the division numbers of the reference, the lowest and the highest point (#4003
-to #4005), a scale (#4006), the interval (#4007), and data #4101 to #5124 of -128 to 127. The data
-are increments of the added value, read in the + direction: above the reference, number n contains
-the increment of the section n-1 to n; below the reference, that of the section n to n+1. The unit
-of the data is the output unit times the scale. No transfer format is public.
+C64 and E68 manuals (pp. 280, 379): each pair of base and compensated axis (#4001, #4002; numbers of
+the next pair are higher by 10) has the division numbers of the reference, the lowest and the
+highest point (#4003 to #4005), a scale (#4006), the interval (#4007), and data #4101 to #5124 of
+-128 to 127. The data are increments of the correction in the + direction. Above the reference,
+number n contains the increment of the section n-1 to n; below the reference, the increment of the
+section n to n+1. The unit of the data is the output unit times the scale. No transfer format is
+public.
 """
 
 from collections.abc import Iterator, Sequence
@@ -39,8 +40,8 @@ from stepdiag.exporters.tables.tables import Law, Table, require_rising
 
 KIND = "relative"
 _MARK, _END = b"lowest point at", b"; end"
-"""Comment before each pair of axes, and the last line, in lists of this program, because parameters
-have no end mark.
+"""First comment of each pair of axes, and last line, in lists from stepdiag: a list of parameters
+has no end mark of its own.
 """
 _NAME = "mitsubishi_parameters.txt"
 _FIRST_DATA, _LAST_DATA = 4101, 5124
@@ -52,10 +53,6 @@ _HEAD = ("pinc", "cmpax", "drcax", "rdvno", "mdvno", "pdvno", "sc", "spcdv")
 class MitsubishiOptions(
     msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True
 ):
-    """The section ``[mitsubishi]`` of a profile: the unit of the data, whether the data are
-    increments or absolute values, and the first free data number.
-    """
-
     output_unit_um: Annotated[float, msgspec.Meta(ge=0.001, le=1000)]
     data: Literal["incremental", "absolute"]
     first_data: Annotated[int, msgspec.Meta(ge=_FIRST_DATA, le=_LAST_DATA)] = _FIRST_DATA
@@ -74,8 +71,6 @@ data = "?"
 
 @dataclass(frozen=True, slots=True)
 class Mitsubishi:
-    """The Mitsubishi Meldas/M series in the form of `exporters.tables.controller.Controller`."""
-
     name: str = "mitsubishi"
     title: str = "Mitsubishi Meldas / M series (parameters #4000 to #5124 as a list)"
     kinds: tuple[str, ...] = (KIND,)
@@ -83,11 +78,9 @@ class Mitsubishi:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> MitsubishiOptions:
-        """Return the options of a provisional export: increments of half a micron."""
         return MitsubishiOptions(output_unit_um=0.5, data="incremental")
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
-        """Return the limits of a table: data from -128 to 127 units."""
         most = _MOST * table.quantum_um
         return (
             Limits(neighbour_um=most, slope_um_mm=None)
@@ -96,9 +89,6 @@ class Mitsubishi:
         )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return one table for each curve, with the smallest scale that keeps the data within -128
-        to 127.
-        """
         options = profile.options_as(MitsubishiOptions)
         tables: list[Table] = []
         number = options.first_data
@@ -118,7 +108,6 @@ class Mitsubishi:
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return the list of parameters, with ``#number value`` on each line."""
         counting = int(profile.options_as(MitsubishiOptions).data == "incremental")
         lines = [*(f"; {note}" for note in notes), f"#4000 {counting}"]
         for table in tables:
@@ -128,14 +117,13 @@ class Mitsubishi:
         )
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables in lists of parameters."""
         return tuple(table for file in files for table in _data_tables(file, profile))
 
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the tables in the parameters of the control after typing in: every parameter
-        number has its last typed value.
+        """Return the tables of the control after typing in: every parameter has its last typed
+        value.
         """
         values = {
             number: value for file in (*own, *new) for number, value in _values(file).items()
@@ -147,26 +135,23 @@ class Mitsubishi:
         )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the machine's own list as restore file, and zeros for every pair of axes that this
-        list does not contain.
+        """Return the machine's own list, and zeros for every pair of axes that this list does not
+        contain.
 
-        Raises ``SafetyError`` (``points-overlap.restore``) if such a pair would use data numbers
-        that the own list writes back.
+        Raises ``SafetyError`` (``points-overlap.restore``) if such a pair would use data numbers of
+        the own list.
         """
         if profile.existing:
             _refuse_overlap(tables, self.parse(profile.existing, profile), profile)
         return own_and_zeros(self, tables, profile, lambda table: table.place["pair"])
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file is a list of parameters, by its first parameter."""
         return b"#4000 " in file.data and b"#4001 " in file.data
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
-        """Return the parameters as text for typing in."""
         return tuple(_data_lines(table, profile))
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
-        """Return the steps for the service engineer."""
         unit = profile.options_as(MitsubishiOptions).output_unit_um
         return (
             "Back up all parameters.",
@@ -219,8 +204,8 @@ def _data_numbers(table: Table) -> range:
 
 
 def _refuse_overlap(new: Sequence[Table], own: Sequence[Table], profile: Profile) -> None:
-    """Raise SafetyError if a new pair of axes uses data numbers of another, old pair: after the old
-    data are typed back, both pairs would use them.
+    """Raise SafetyError if a new pair of axes uses data numbers of a different, old pair. After the
+    old data are typed in again, both pairs would use these numbers.
     """
     pairs = {table.place["pair"] for table in own}
     for table in new:
@@ -242,8 +227,8 @@ def _law(options: MitsubishiOptions) -> Law:
 
 
 def _scale(absolute_um: Vector, options: MitsubishiOptions, name: str) -> int:
-    """Return the smallest scale (#4006) with which all data are within the limits; the absolute
-    curve is quantised once and then differenced.
+    """Return the smallest scale (#4006) with which all data are within the limits. The absolute
+    curve is rounded to whole units before its increments are formed.
     """
     for scale in range(1, _MOST_SCALE + 1):
         units = np.round(absolute_um / (options.output_unit_um * scale))
@@ -301,20 +286,14 @@ def _data_tables(file: ControlFile, profile: Profile) -> Iterator[Table]:
 
 
 class _Value(NamedTuple):
-    """A parameter in a list: its text, and its place in the file."""
-
     text: str
     where: str
 
     def whole(self) -> int:
-        """Return the value of the parameter as a whole number. Raises ``DataError`` for any other
-        text.
-        """
         return whole(self.text, self.where)
 
 
 def _values(file: ControlFile) -> dict[int, _Value]:
-    """Return the parameters in a list by number."""
     require_end(file, _MARK, _END)
     values: dict[int, _Value] = {}
     for where, line in read_lines(file):

@@ -1,5 +1,1 @@
-"""Curves for people and other programs, as CSV.
-
-Input: tables. Output: a CSV, and tables read back from such a file. `profiles.registry` and the
-package safety import this package.
-"""
+"""Error curves as CSV, and results in the Etalon Exchange format, for people and other programs."""

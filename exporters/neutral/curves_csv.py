@@ -1,9 +1,9 @@
 """Curves as CSV for any control that is not in the registry: the error itself, in um, in machine
 coordinates.
 
-Only this format follows no control's law: the numbers are ``e = actual - commanded`` relative to
-the reference position. When read back, the curves count as the error; a person who types them into
-a control must choose the sign so that the control subtracts them.
+The numbers are ``e = actual - commanded`` relative to the reference position, without the law of a
+control. When read back, the curves count as the error. A person who types the numbers into a
+control must choose the sign with which the control subtracts the error.
 """
 
 from collections.abc import Sequence
@@ -36,8 +36,6 @@ class NeutralOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
 
 @dataclass(frozen=True, slots=True)
 class Neutral:
-    """The neutral curves in the form of `exporters.tables.controller.Controller`."""
-
     name: str = NAME
     title: str = "neutral curves (CSV)"
     kinds: tuple[str, ...] = (KIND,)
@@ -45,15 +43,12 @@ class Neutral:
     options_template: str = "[neutral]                     # nothing to choose\n"
 
     def quick_options(self) -> NeutralOptions:
-        """Return the options of a provisional export, which have no settings."""
         return NeutralOptions()
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
-        """Return no limits: a CSV has none."""
         return Limits()
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return a table for every curve on the profile's grid, rounded to a nanometre."""
         quantum_um = 10.0**-_DECIMALS
         planned = [
             absolute_tables(
@@ -69,8 +64,8 @@ class Neutral:
         profile: Profile,  # noqa: ARG002
         notes: Sequence[str] = (),  # noqa: ARG002
     ) -> tuple[ControlFile, ...]:
-        """Return the file ``curves.csv``; in its column ``direction``, 1 or -1 is travel of the
-        input axis in + or -, 0 both.
+        """Return the file ``curves.csv``. In its column ``direction``, 1 and -1 are travel of the
+        input axis in + and -, and 0 is both.
         """
         rows = [
             f"{table.name},{table.direction},{shortest(float(at))},{fixed(float(value), _DECIMALS)}"
@@ -80,7 +75,6 @@ class Neutral:
         return (ControlFile(name="curves.csv", data=ascii_lines([HEADER, *rows, "end,,,"])),)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables of the curves in the files."""
         return tuple(table for file in files for table in _tables(file, profile))
 
     def standing(
@@ -90,19 +84,16 @@ class Neutral:
         return self.parse(new or own, profile)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - part of the protocol
-        """Return nothing: curves for people change no control."""
+        """Return no file, because curves change no control."""
         return ()
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file begins with the header row."""
         return file.data.startswith(HEADER.encode("ascii"))
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return the rows of the report, one for each point of the table."""
         return plain_rows(table)
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return the notes for carrying the numbers into a control by hand."""
         return (
             (
                 "The numbers are errors: positive where the output axis went too far in its + "

@@ -1,13 +1,13 @@
-"""Etalon Exchange: all functions of a result as text, for exchange with other software for
-volumetric compensation.
+"""Etalon Exchange: all functions of a result as text, for other software for volumetric
+compensation.
 
-TF5280, 296430091 of infosys.beckhoff.com and the same page of isg-stuttgart.de: a block begins with
-the ISO 230-1 name in square brackets, a position error has ``VALUE = number``, a function
-``Gridpoints = { position value .. }``, ``//`` begins a comment; lengths in mm, angles in rad
-(296426379). The format does not state the point from which the lever of an angle counts. This
-program uses the zero of the axes, as a control does, so it shifts the displacements by the levers
-of the measured corner. The format does not contain the kinematic chain either; the command asks for
-the chain.
+Source: TF5280, page 296430091 of infosys.beckhoff.com, and the same page of isg-stuttgart.de. A
+block begins with the ISO 230-1 name in square brackets. A position error has ``VALUE = number``, a
+function ``Gridpoints = { position value .. }``. ``//`` begins a comment. Lengths are in mm, angles
+in rad (296426379). The format does not state the point from which the lever of an angle counts.
+stepdiag uses the zero of the axes, as a control does, and shifts the displacements by the levers of
+the measured corner. The format contains no kinematic chain, so the import command asks for the
+chain.
 """
 
 import re
@@ -38,14 +38,15 @@ _BLOCK = re.compile(r"^\[([A-Z0-9]{3})\]\Z")
 _VALUE = re.compile(r"^VALUE\s*=\s*(\S+)\Z")
 _BEGIN = re.compile(r"^Gridpoints\s*=\s*\{\Z")
 _DECIMALS = 9
-"""Number of decimal places, the largest in any file for a control: the last place is a nanoradian
-or a picometre.
+"""Decimal places in the file, more than in a file for any control: the last place is 1 nrad or 1
+pm.
 """
 
 
 def render(result: Result) -> ControlFile:
-    """Return the file with every function and squareness that the result identifies; levers count
-    from the zero of the axes."""
+    """Return the file with every function and squareness that the result identifies. Levers count
+    from the zero of the axes.
+    """
     mask, origin = abbe_mask(result.chain), np.asarray(result.volume.origin_mm)
     lines = [
         (
@@ -77,9 +78,6 @@ def render(result: Result) -> ControlFile:
 
 
 def _lever_um(result: Result, name: str, mask: Vector, origin: Vector) -> Vector:
-    """Return the effect of an axis' angles on one displacement function by the lever of the
-    measured corner, in um at the positions of the function.
-    """
     axis, component = "XYZ".index(name[2]), "XYZ".index(name[1])
     at = result.errors[name].position_mm
     turns = np.column_stack(
@@ -99,12 +97,11 @@ def _function_at(function: Function | None, at: Vector) -> Vector:
 
 
 def parse(file: ControlFile, chain: str) -> Result:
-    """Return the result in a file for a machine with the given chain, with functions and squareness
-    in the form of contract 4.
+    """Return the result in a file, for a machine with the given chain.
 
-    The volume follows from the three positioning functions. The squareness receives the slopes of
-    the functions, and angles count from their first position. Raises ``DataError``, with the line,
-    for another file, ``UsageError`` for a wrong chain.
+    The volume follows from the three positioning functions. The slopes of the functions are added
+    to the squarenesses, and angles count from their first position. Raises ``DataError``, with the
+    line, for a wrong file, and ``UsageError`` for a wrong chain.
     """
     mask = abbe_mask(chain)
     values, functions = _etalon_blocks(file)
@@ -119,8 +116,8 @@ def parse(file: ControlFile, chain: str) -> Result:
     origin = np.asarray(volume.origin_mm)
     linear = np.zeros(
         (3, 3)
-        # um of displacement (row) for a mm of travel (column), from the levers of the angles' first
-        # values and from the slopes
+        # um of displacement (row) per mm of travel (column), from the levers of the first
+        # value of each angle and from the slopes
     )
     errors: dict[str, Function] = {}
     for axis, letter in enumerate("XYZ"):
@@ -218,9 +215,6 @@ def _volume(functions: Mapping[str, Vector], where: str) -> Volume:
 
 
 def _etalon_blocks(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
-    """Return the values and the functions in the blocks of a file; the positions of a function
-    rise.
-    """
     values: dict[str, float] = {}
     functions: dict[str, Vector] = {}
     name = ""

@@ -1,7 +1,5 @@
-"""The validated `Profile` from a profile file, and the assumed profile of a provisional export.
-
-The files that the profile names (the machine's own tables and punch files) are read together with
-it.
+"""Reads and checks the profile of a machine, and makes the assumed profile of an export without a
+profile.
 """
 
 from collections.abc import Mapping, Sequence
@@ -52,12 +50,12 @@ def parse_profile(
     volume: Volume | None,
     files: Mapping[str, bytes] | None = None,
 ) -> Profile:
-    """Return the profile in a TOML text; ``files`` contains the bytes of the files that
-    ``machine.existing`` names.
+    """Return the profile in a TOML text. ``files`` contains the bytes of the files in
+    ``machine.existing``.
 
-    If an axis gives no start or end, the table runs to this end of the measured ``volume``; without
-    a volume (a sign test before the first survey) the profile must give both. Raises ``UsageError``
-    for a wrong profile.
+    If an axis has no start or no end, the table extends to this end of the measured ``volume``.
+    Without a volume (a sign test before the first survey) the profile must contain both. Raises
+    ``UsageError`` for a wrong profile.
     """
     tables = read_toml(text, source)
     _refuse_unknown_sections(tables, controller, source)
@@ -81,8 +79,8 @@ def parse_profile(
 
 
 def load_profile(path: Path, controller: Controller, volume: Volume | None) -> Profile:
-    """Return the profile in the file ``path`` (`parse_profile`); files that it names are in the
-    same folder.
+    """Return the profile in the file ``path`` (`parse_profile`). The machine's own files in the
+    profile are in the same folder.
     """
     text = read_profile_text(path)
     machine = read_toml(text, path.name).get("machine", {})
@@ -118,11 +116,11 @@ def read_profile_text(path: Path) -> str:
 def quick_profile(
     controller: Controller, volume: Volume, step_mm: float | Sequence[float] | None = None
 ) -> Profile:
-    """Return the assumed profile of a provisional export (contract 5): axes AX1 AX2 AX3, tables
-    from the low to the high end of the volume, reference at the low end.
+    """Return the assumed profile of an export without a profile: axes AX1 AX2 AX3, tables from the
+    low to the high end of the volume, reference at the low end.
 
-    ``step_mm`` is one step for all axes, or one for each axis; None means the steps of the volume.
-    An axis that did not travel has no table.
+    ``step_mm`` is one step for all axes, or one per axis; None means the steps of the volume. An
+    axis that did not travel has no table.
     """
     steps_mm = np.broadcast_to(
         volume.step_mm if step_mm is None else step_mm, len(AXIS_LETTERS)
@@ -158,8 +156,8 @@ def quick_profile(
 def _refuse_unknown_sections(
     tables: dict[str, Any], controller: Controller, source: str
 ) -> None:
-    """Raise UsageError for an unknown section of the profile, with the nearest name. The section of
-    another controller means that the profile is for another controller.
+    """Raise UsageError for an unknown section of the profile, with the nearest name. A section of
+    another control shows that the profile is for that control.
     """
     machine = tables.get("machine", {})
     named = (
@@ -185,8 +183,8 @@ def _refuse_unknown_sections(
 def _refuse_unknown_kinds(
     records: Sequence[SignTestRecord], controller: Controller, source: str
 ) -> None:
-    """Raise UsageError for a sign test of a kind of table that the control does not have: such a
-    test would prove nothing without notice.
+    """Raise UsageError for a sign test of a kind of table that the control does not have. The sign
+    test of an unknown kind would prove nothing.
     """
     for index, record in enumerate(records):
         if record.kind not in controller.kinds:
@@ -214,9 +212,6 @@ def _ends_from(axis: AxisSection, volume: Volume | None, index: int) -> AxisSect
 def _existing(
     machine: MachineSection, files: Mapping[str, bytes], source: str
 ) -> tuple[ControlFile, ...]:
-    """Return the files that the profile names; the export of a result checks that these were active
-    during the measurement.
-    """
     missing = [name for name in machine.existing if name not in files]
     if missing:
         raise UsageError(

@@ -33,9 +33,6 @@ CONTROLLERS: Mapping[str, Controller] = MappingProxyType(
 
 
 def controller_named(name: str) -> Controller:
-    """Return the controller called ``name``. Raises ``UsageError`` for an unknown name, with the
-    nearest known name.
-    """
     if name not in CONTROLLERS:
         raise UsageError(
             "--controller",

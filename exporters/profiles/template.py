@@ -75,8 +75,8 @@ reference_mm = "?"
 
 
 def profile_template(controller: Controller) -> str:
-    """Return the profile template for a controller; a profile is refused until every question in it
-    is answered.
+    """Return the profile template for a control. A profile with an unanswered question is
+    refused.
     """
     common = _COMMON.format(
         title=controller.title,
@@ -91,9 +91,6 @@ def profile_template(controller: Controller) -> str:
 
 
 def _program(control: str) -> str:
-    """Return the section about NC programs, if `exporters.programs` can write programs for the
-    control.
-    """
     return (
         program_template(default_signals(control), default_decimals(control))
         if control in CONTROLS

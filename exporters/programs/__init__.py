@@ -2,9 +2,9 @@
 
     Sequence --passes_of--> passes of stops --dialect--> NC program
 
-A program is a flat list of blocks: no loop, no subprogram and no calculated position, so that every
-move can be read and searched. The program sends the numbers of setup and stop to the PLC, which
-writes them into the Modbus block of contract 2.
+A program is a list of blocks without loops, subprograms and calculated positions, so that a person
+can read and search every move. The program sends the numbers of setup and stop to the PLC, which
+writes them into its Modbus registers.
 """
 
 from stepdiag.exporters.programs.linuxcnc import companion_files

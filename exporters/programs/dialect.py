@@ -1,5 +1,5 @@
-"""The statements that each control's dialect must define, and the common translation of passes into
-blocks.
+"""The statements that the dialect of each control defines, and the common translation of passes
+into blocks.
 """
 
 from abc import ABC, abstractmethod
@@ -19,8 +19,8 @@ from stepdiag.exporters.programs.signals import Signals
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """The task of writing one program: a setup of a sequence, the setup's number for the control,
-    and the machine's signals.
+    """Input for one program: a setup of a sequence, the number of the setup in the control, and the
+    signals of the machine.
     """
 
     sequence: Sequence
@@ -30,12 +30,10 @@ class Job:
 
     @property
     def register(self) -> int:
-        """Return the number of the setup in the PLC's setup register."""
         return setup_code(self.setup, self.sequence.setups)
 
     @property
     def base(self) -> str:
-        """Return the name of the setup without its beam offset."""
         return setup_of(self.setup).base
 
     @property
@@ -62,9 +60,7 @@ class Dialect(ABC):
     title: str
     newline = "\r\n"
     decimals = 3
-    """Number of decimal places of a programmed position in mm, by the control's usual input
-    increment.
-    """
+    """Decimal places of a programmed position in mm, by the control's usual input increment."""
     opening: tuple[str, ...] = ()
     closing: tuple[str, ...]
     """First and last lines of the file; ``{stem}`` is the file name without its ending."""
@@ -75,8 +71,8 @@ class Dialect(ABC):
     """Requirements of the default signals on the PLC and the control, with their source."""
 
     checked: tuple[str, ...]
-    """Text about the checks of a program before its first move, and about the facts that the
-    program cannot check.
+    """Text about the checks of a program before its first move, and about the facts that no program
+    can check.
     """
 
     @abstractmethod
@@ -85,24 +81,24 @@ class Dialect(ABC):
 
     @abstractmethod
     def comment(self, text: str) -> str:
-        """Return a block that contains only a comment; ``text`` is ASCII without brackets."""
+        """Return a comment block. ``text`` is ASCII without brackets."""
 
     @abstractmethod
     def start(self) -> list[str]:
-        """Return the first blocks of a program: they set known modes, refuse an active offset or
-        transformation, and halt until the operator agrees.
+        """Return the first blocks of a program, which set known modes, refuse an active offset or
+        transformation, and halt until the operator continues.
         """
 
     @abstractmethod
     def ask(self, text: str) -> list[str]:
-        """Return the blocks of a halt with a text for the operator, who then continues the program;
-        ``text`` is ASCII without brackets.
+        """Return the blocks of a halt with a text for the operator. ``text`` is ASCII without
+        brackets.
         """
 
     @abstractmethod
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return the block of a straight move in machine coordinates, at measuring feed, that ends
-        in an exact stop.
+        """Return the block of a straight move in machine coordinates, at measuring feed, with an
+        exact stop.
         """
 
     @abstractmethod
@@ -114,7 +110,6 @@ class Dialect(ABC):
         return plain(value)
 
     def render(self, job: Job) -> str:
-        """Return the text of the program, with the control's line ends."""
         _check_increment(job)
         blocks = [self.comment(line) for line in self._header(job)]
         blocks += self.start()
@@ -211,7 +206,6 @@ class Dialect(ABC):
 
 
 def plain(value: float) -> str:
-    """Return the text of a number without exponent, trailing zeros and negative zero."""
     text = np.format_float_positional(value + 0.0, trim="-")
     return "0" if text == "-0" else text
 
@@ -219,7 +213,7 @@ def plain(value: float) -> str:
 def _check_increment(job: Job) -> None:
     """Raise ``UsageError`` if a commanded position is no multiple of the control's input increment.
 
-    A control rounds such a position, and the stop then differs from the solver's target.
+    A control rounds such a position, and the stop then differs from the target of the survey.
     """
     increment = 10.0**-job.decimals
     for each in passes_of(job.sequence, job.setup):
@@ -237,12 +231,10 @@ def _check_increment(job: Job) -> None:
 
 
 def _spoken(setup: str) -> str:
-    """Return the name of a setup in characters that the comments of every control allow."""
     return setup.replace("+", " beam ").replace("-", " ")
 
 
 def _ascii(text: str) -> str:
-    """Return the characters of a survey's name that a comment may contain."""
     return "".join(
         letter if letter.isascii() and (letter.isalnum() or letter in " .-_") else "_"
         for letter in text

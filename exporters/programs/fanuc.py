@@ -7,8 +7,8 @@ from stepdiag.exporters.programs.signals import Signals
 class Fanuc(Dialect):
     """ISO code with macro statements.
 
-    ``G53`` alone on a block delays the macro statements after it until the axes have arrived: macro
-    statements are otherwise executed as soon as they are read ahead (B-63614EN/01, p. 322). ``G09``
+    The control executes macro statements as soon as it reads them ahead. ``G53`` alone on a block
+    delays the macro statements after it until the axes have arrived (B-63614EN/01, p. 322). ``G09``
     ends the move in an exact stop.
     """
 
@@ -47,28 +47,27 @@ class Fanuc(Dialect):
     )
 
     def file_name(self, job: Job) -> str:
-        """Return the file name of the program, its O number."""
         return f"O{job.program_number}"
 
     def comment(self, text: str) -> str:
-        """Return a comment block without characters that the control reads otherwise: a colon is
-        the letter O in ISO code.
+        """Return a comment block. Characters with another meaning are replaced: in ISO code a colon
+        is the letter O.
         """
         return f"({text.upper().replace(':', ' -').replace('_', '-')})"
 
     def number(self, value: float) -> str:
-        """Return the text of a number with a decimal point, because a number without a point counts
-        in input increments.
+        """Return the text of a number with a decimal point. A number without a point counts in
+        input increments.
         """
         text = plain(value)
         return text if "." in text else text + "."
 
     def start(self) -> list[str]:
-        """Return the first blocks: they set known modes, refuse any offset, rotation, scaling and
-        mirror image, and halt.
+        """Return the first blocks of the program, which set known modes, refuse any offset,
+        rotation, scaling and mirror image, and halt.
 
         ``G53`` alone on a block delays the reading of the positions until the axes have arrived.
-        The positions show a shift; only its modal code shows a rotation.
+        The positions show a shift. A rotation is visible only in its modal code.
         """
         return [
             "G21",
@@ -90,16 +89,14 @@ class Fanuc(Dialect):
         ]
 
     def ask(self, text: str) -> list[str]:
-        """Return the blocks of a halt with its text on the screen."""
         return [f"M00 {self.comment(text)}"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return the block of a move at feed in machine coordinates, with G54 set to zero, because
-        G53 moves only in rapid.
+        """Return the block of a move at feed in machine coordinates. The move uses G54 set to zero,
+        because G53 moves only in rapid.
         """
         x, y, z = position
         return f"G09 G01 X{x} Y{y} Z{z} F{feed}"
 
     def dwell(self, seconds: str) -> list[str]:
-        """Return the block of a dwell in seconds."""
         return [f"G04 X{seconds}"]

@@ -10,7 +10,7 @@ from stepdiag.exporters.programs.signals import Signals
 class _Check:
     """A value of the control (``FN 18``) that the program compares before its first move.
 
-    The numbers of the values are those of HEIDENHAIN, Technical Manual TNC 426 / TNC 430, page
+    Source of the numbers of the values: HEIDENHAIN, Technical Manual TNC 426 / TNC 430, page
     7-30.
     """
 
@@ -19,8 +19,8 @@ class _Check:
     stopped: str
 
     def blocks(self, label: int) -> list[str]:
-        """Return the blocks of the comparison; if the value differs, the program stops and compares
-        again after the start key.
+        """Return the blocks of the comparison. If the value differs, the program stops, and
+        compares again after the start key.
         """
         return [
             f"LBL {label}",
@@ -47,12 +47,12 @@ _CHECKS = (
 
 
 class Heidenhain(Dialect):
-    """The conversational dialect: with ``M91`` the coordinates of a block count from the machine
+    """The conversational dialect. With ``M91`` the coordinates of a block count from the machine
     datum.
 
-    ``FN 19`` sends two numbers (setup and stop counter) to the PLC; a counter of 0 means that the
+    ``FN 19`` sends two numbers (setup and stop count) to the PLC; a stop count of 0 means that the
     machine moves. ``FN 20: WAIT FOR SYNC`` delays the look-ahead until the axes have arrived. The
-    handshake has no default text, because its PLC operand depends on the builder.
+    handshake has no default text, because its PLC operand depends on the builder of the machine.
     """
 
     control = "heidenhain"
@@ -107,16 +107,14 @@ class Heidenhain(Dialect):
     )
 
     def file_name(self, job: Job) -> str:
-        """Return the file name of the program."""
         return f"STEP_{job.word.upper()}.H"
 
     def comment(self, text: str) -> str:
-        """Return a comment block."""
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return the first blocks: they reset datum shift, mirroring, rotation and scaling, check
-        that none is active, and halt.
+        """Return the first blocks of the program, which reset datum shift, mirroring, rotation and
+        scaling, check that none of these is active, and halt.
         """
         return [
             "CYCL DEF 7.0 DATUM SHIFT",
@@ -138,16 +136,11 @@ class Heidenhain(Dialect):
         ]
 
     def ask(self, text: str) -> list[str]:
-        """Return the blocks of a halt, with its text in the block before."""
         return [self.comment(text), "STOP M5"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return the block of a straight move in coordinates from the machine datum, all with a
-        sign.
-        """
         x, y, z = (value if value.startswith("-") else f"+{value}" for value in position)
         return f"L X{x} Y{y} Z{z} R0 F{feed} M91"
 
     def dwell(self, seconds: str) -> list[str]:
-        """Return the blocks of the dwell cycle, in seconds."""
         return ["CYCL DEF 9.0 DWELL TIME", f"CYCL DEF 9.1 DWELL {seconds}"]

@@ -1,9 +1,9 @@
-"""Commissioning of the 4-DOF head during a run: jogs of the two axes that the run does not travel,
-at both of its ends, then a movement of the laser by the operator's hand.
+"""Commissioning of the 4-DOF head during a run. At both ends of the run, the machine jogs the two
+axes that the run does not travel, and the operator then moves the laser by hand.
 
 The machine approaches every jog position from below in both axes, so that differences of positions
-contain no backlash. `stepdiag.fourdof.commission` finds these positions and the standstills in the
-log.
+contain no backlash. `stepdiag.fourdof.commission` finds the jog positions and the standstills in
+the log.
 """
 
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from stepdiag.base.names import AXES
 
 PLACES_MM = (-0.3, -0.15, 0.0, 0.15, 0.3)
 LEAD_MM = -0.4
-"""Start of the approach to every jog position, in mm; it is below the lowest position by more than
-any backlash.
+"""Start of the approach to every jog position, in mm. The start is below the lowest position by
+more than any backlash.
 """
 JOG_S, WOBBLE_S, DARK_S = 2.0, 30.0, 5.0
 WOBBLE = (
@@ -25,8 +25,8 @@ BLOCK, FREE = "block the beam and leave it blocked. start", "free the beam. star
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jog:
-    """A jog: a position that the machine approaches without a signal to the PLC, the time of
-    standing there, and a question to the operator before the move.
+    """A jog: a position that the machine approaches without a signal to the PLC, the dwell there,
+    and a question to the operator before the move.
     """
 
     position_mm: tuple[float, float, float]
@@ -38,7 +38,7 @@ def jogs_at(
     place_mm: tuple[float, float, float], axis: str, *, last: bool = False
 ) -> tuple[Jog, ...]:
     """Return the jogs at one end of a run along ``axis`` (x, y, z), with the stop at which the
-    operator wobbles the laser; at the ``last`` end the operator also blocks the beam.
+    operator moves the laser. At the ``last`` end the operator also blocks the beam.
     """
     others = [index for index in range(3) if AXES[index] != axis]
 

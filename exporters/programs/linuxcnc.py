@@ -1,6 +1,4 @@
-"""LinuxCNC: metric RS274/NGC program, with a HAL component in place of a PLC, which this control
-does not have.
-"""
+"""LinuxCNC: metric RS274/NGC program. This control has no PLC; a HAL component takes its place."""
 
 import re
 from pathlib import Path
@@ -66,15 +64,12 @@ class LinuxCNC(Dialect):
     )
 
     def file_name(self, job: Job) -> str:
-        """Return the file name of the program."""
         return f"step_{job.word}.ngc"
 
     def comment(self, text: str) -> str:
-        """Return a comment block."""
         return f"({text})"
 
     def start(self) -> list[str]:
-        """Return the first blocks: they set known modes and halt with a question on the screen."""
         return [
             "G21 G17 G40 G49 G80 G90 G94 G61.1",
             "M5",
@@ -82,16 +77,13 @@ class LinuxCNC(Dialect):
         ]
 
     def ask(self, text: str) -> list[str]:
-        """Return the blocks of a halt with its text on the screen."""
         return [f"(MSG, {text})", "M0"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return the block of a move without any offset."""
         x, y, z = position
         return f"G53 G1 X{x} Y{y} Z{z} F{feed}"
 
     def dwell(self, seconds: str) -> list[str]:
-        """Return the block of a dwell in seconds."""
         return [f"G4 P{seconds}"]
 
 

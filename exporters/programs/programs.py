@@ -1,4 +1,4 @@
-"""The NC programs of a survey for a control: the functions that the command line uses."""
+"""Writes the NC programs of a survey for a control."""
 
 import math
 from collections.abc import Mapping
@@ -27,8 +27,8 @@ CONTROLS = tuple(_DIALECTS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Program:
-    """An NC program: its file name, the setup that it drives, and the bytes of the file (ASCII with
-    the control's line ends).
+    """An NC program: its file name, its setup, and the bytes of the file (ASCII with the control's
+    line ends).
     """
 
     name: str
@@ -46,12 +46,14 @@ def nc_programs(
 ) -> tuple[Program, ...]:
     """Return one program for each setup of the sequence, in the order of the setups.
 
-    ``signals`` are the texts of this machine (None: the control's defaults), ``decimals`` the
-    decimal places of the control's input increment in mm. Raises ``UsageError`` for an unknown
-    control, a sequence that cannot be driven, a position that the control would round, and a
-    handshake without a text that waits for the PLC; ``SafetyError`` (code
-    ``beyond-travel.program``) for a program that would leave ``travel_mm``, the software limits by
-    axis (x, y, z), at a stop or an approach.
+    ``signals`` contains the texts of this machine (None: the control's defaults). ``decimals`` is
+    the number of decimal places of the control's input increment in mm. ``travel_mm`` contains the
+    software limits by axis (x, y, z).
+
+    Raises ``UsageError`` for an unknown control, a sequence that cannot be driven, a position that
+    the control would round, and a handshake without a text that waits for the PLC. Raises
+    ``SafetyError`` (code ``beyond-travel.program``) if a stop or an approach is outside
+    ``travel_mm``.
     """
     check(sequence)
     _keep_within(sequence, travel_mm or {})
@@ -101,20 +103,16 @@ def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]
 
 
 def default_signals(control: str) -> Signals:
-    """Return the default texts by which a program of the control sends signals to the PLC. Raises
-    ``UsageError`` for an unknown control.
-    """
     return _dialect(control).signals
 
 
 def default_decimals(control: str) -> int:
-    """Return the decimal places of the control's usual input increment in mm."""
     return _dialect(control).decimals
 
 
 def program_name(sequence: Sequence, control: str, setup: str) -> str:
-    """Return the file name of a setup's program, under which the operator starts the program
-    (``O8002`` for npp on Fanuc).
+    """Return the file name under which the operator starts the program of a setup (``O8002`` for
+    npp on Fanuc).
     """
     dialect = _dialect(control)
     return dialect.file_name(

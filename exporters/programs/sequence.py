@@ -1,5 +1,5 @@
-"""The path of a survey: the stops of every pass in order, and the point from which a pass
-approaches its first stop.
+"""The path of a survey: the stops of every pass in order, and the point from which the machine
+approaches the first stop of a pass.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,21 +16,19 @@ from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.programs.jogs import Jog, jogs_at
 
 LARGEST_COUNT = 32767
-"""Largest stop counter: some controls send no number larger than a signed 16-bit word to
-the PLC.
-"""
+"""Largest stop count: some controls send the stop count to the PLC as a signed 16-bit word."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sequence:
     """The commanded part of a survey, in machine coordinates.
 
-    Each of the ``setups`` has a program. A body diagonal measured again with a shifted beam is
-    called ``ppp+1``: its program drives the same stops and sends the same setup number to the PLC;
-    only the laser stands elsewhere. ``beam_offset_mm`` by setup, ``axis_orders``, ``alternate`` and
-    ``targets`` are those of `stepdiag.base.readings.runs.Run`. A pass begins at the distance
+    Each of the ``setups`` has a program. The setup ``ppp+1`` is a repetition of the body diagonal
+    ppp with a shifted beam. Its program drives the same stops and sends the same setup number to
+    the PLC; only the place of the laser differs. ``beam_offset_mm`` by setup, ``axis_orders``,
+    ``alternate`` and ``targets`` are those of `stepdiag.base.readings.runs.Run`. A pass begins
     ``overrun_mm`` outside its first stop, so that every moving axis has taken up its backlash; with
-    0 it has no approach.
+    0 the pass has no approach.
     """
 
     name: str
@@ -52,7 +50,6 @@ class Sequence:
 
     @property
     def plan(self) -> Plan:
-        """Return the sequence as a plan."""
         runs = tuple(
             Run(
                 setup=setup,
@@ -84,7 +81,8 @@ class Stop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pass:
-    """One pass of a setup: odd numbers lead outward, even numbers back (contract 4).
+    """One pass of a setup. A pass with an odd number leads outward, a pass with an even number
+    back.
 
     ``approach_mm`` is the point outside the first stop from which the machine approaches this stop,
     None without overrun.
@@ -98,7 +96,6 @@ class Pass:
 
     @property
     def outward(self) -> bool:
-        """Return whether the pass leads away from the setup's first corner."""
         return self.number % 2 == 1
 
 
@@ -128,8 +125,8 @@ def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
 
 
 def travel_mm(sequence: Sequence, setup: str) -> Vector:
-    """Return the lowest and the highest commanded position of each axis at stops and approaches,
-    shape (2, 3).
+    """Return the lowest and the highest commanded position of each axis, at stops and approach
+    points, shape (2, 3).
     """
     points = [
         point
@@ -145,7 +142,6 @@ def travel_mm(sequence: Sequence, setup: str) -> Vector:
 
 
 def check(sequence: Sequence) -> None:
-    """Raise ``UsageError`` for a sequence that cannot be driven."""
     for name, number, least in (
         ("feed_mm_min", sequence.feed_mm_min, "above 0"),
         ("dwell_s", sequence.dwell_s, "above 0"),
@@ -220,8 +216,8 @@ def _pass(sequence: Sequence, number: int, stops: Vector, count: int) -> Pass:
 
 
 def _jogs(stops: Vector, axis: str) -> dict[int, tuple[Jog, ...]]:
-    """Return the jogs by the number of the stop to which the machine then moves: jogs at the near
-    end follow the first stop, jogs at the far end precede the last stop.
+    """Return the jogs by the number of the next stop. Jogs at the near end follow the first stop,
+    jogs at the far end precede the last stop.
     """
     near, far = jogs_at(_triple(stops[0]), axis), jogs_at(_triple(stops[-1]), axis, last=True)
     return {1: (*near, *far)} if len(stops) == 2 else {1: near, len(stops) - 1: far}

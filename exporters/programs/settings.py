@@ -1,8 +1,8 @@
-"""The section ``[program]`` of a controller profile: settings of NC programs in which one machine
-differs from the control's defaults.
+"""The section ``[program]`` of a profile: settings of NC programs in which a machine differs from
+the control's defaults.
 
-``stepdiag program`` reads only this section: the same profile may still contain unanswered
-questions about tables.
+``stepdiag program`` reads only this section, so the profile may still contain unanswered questions
+about tables.
 """
 
 import json
@@ -30,10 +30,6 @@ TEMPLATE = """\
 
 
 class ProgramSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The decimal places of a programmed position, and the texts of `Signals`; None means the
-    control's default.
-    """
-
     decimals: Annotated[int, msgspec.Meta(ge=0, le=6)] | None = None
     begin: str | None = None
     stand: str | None = None
@@ -42,8 +38,8 @@ class ProgramSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
     end: str | None = None
 
     def signals(self, defaults: Signals) -> Signals:
-        """Return the texts of the machine, with the control's ``defaults`` for texts that the
-        section does not state.
+        """Return the texts of the machine. A text that the section does not contain comes from the
+        control's ``defaults``.
         """
         own = {
             name: getattr(self, name) for name in _TEXTS if getattr(self, name) is not None

@@ -7,8 +7,8 @@ from stepdiag.exporters.programs.signals import Signals
 class Siemens(Dialect):
     """Part program in machine coordinates (``SUPA`` suppresses every offset of its block).
 
-    The data words ``$A_DBW[n]`` are in the area shared with the PLC (DB4900 on 828D: function
-    manual 6FC5397-0BP40-2BA0, 14.5.1.5) and are written while blocks are prepared; ``STOPRE``
+    The control and the PLC share the data words ``$A_DBW[n]`` (DB4900 on 828D: function manual
+    6FC5397-0BP40-2BA0, 14.5.1.5). The control writes them while it prepares blocks; ``STOPRE``
     delays the writing until the axes have arrived.
     """
 
@@ -58,18 +58,17 @@ class Siemens(Dialect):
     )
 
     def file_name(self, job: Job) -> str:
-        """Return the file name of the main program."""
         return f"STEP_{job.word.upper()}.MPF"
 
     def comment(self, text: str) -> str:
-        """Return a comment block."""
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return the first blocks: they set known modes without tool offset and transformation, and
-        halt with a question on the screen.
+        """Return the first blocks of the program, which set known modes without tool offset and
+        transformation, and halt with a question on the screen.
 
-        After every start the program checks again, and it continues only if the positions agree.
+        After every start the program compares the positions again, and continues only if they
+        agree.
         """
         return [
             "G71 G90 G94 G17 G40 G60 G601",
@@ -87,14 +86,11 @@ class Siemens(Dialect):
         ]
 
     def ask(self, text: str) -> list[str]:
-        """Return the blocks of a halt with its text on the screen."""
         return [f'MSG("{text[0].upper()}{text[1:]}")', "M0", "MSG()"]
 
     def move(self, position: tuple[str, str, str], feed: str) -> str:
-        """Return the block of a move without any offset."""
         x, y, z = position
         return f"G1 SUPA X{x} Y{y} Z{z} F{feed}"
 
     def dwell(self, seconds: str) -> list[str]:
-        """Return the block of a dwell in seconds."""
         return [f"G4 F{seconds}"]

@@ -1,8 +1,8 @@
-"""The signals of a program to the PLC about setup, stop and standstill: texts in the control's
-language, chosen for the machine.
+"""The texts by which a program sends setup, stop and standstill to the PLC.
 
-Only the machine's builder can name a free output, data word or M function. The defaults are the
-plainest means of each control; a machine that needs other signals states texts with placeholders.
+Free outputs, data words and M functions depend on the machine. The defaults are the simplest means
+of each control. For a machine that needs other signals, the profile contains texts with
+placeholders.
 """
 
 import string
@@ -23,14 +23,14 @@ PLACEHOLDERS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signals:
-    """The texts of the blocks that send signals to the PLC: each block is a line, and an empty text
+    """The texts of the blocks that send signals to the PLC. Each block is a line; an empty text
     sends nothing.
 
-    ``begin`` sends the setup number at the start and sets ``stopped`` off, because an aborted
-    program may have left it on. ``stand`` sends the new counter and sets ``stopped`` on when the
-    machine dwells in position. ``leave`` sets ``stopped`` off before the next move. ``wait``, used
-    only with the handshake, waits until the PLC shows ``captured`` equal to the counter. ``end``
-    sends setup number 0. Placeholders ``{setup}`` and ``{count}`` are whole numbers.
+    ``begin`` sends the setup number at the start, and sets ``stopped`` off, because an aborted
+    program may have left it on. ``stand`` sends the new stop count and sets ``stopped`` on while
+    the machine dwells in position. ``leave`` sets ``stopped`` off before the next move. ``wait``,
+    used only with the handshake, waits until the PLC shows ``captured`` equal to the stop count.
+    ``end`` sends setup number 0. Placeholders ``{setup}`` and ``{count}`` are whole numbers.
     """
 
     begin: str
@@ -40,7 +40,6 @@ class Signals:
     end: str
 
     def __post_init__(self) -> None:
-        """Raise ``UsageError`` for a placeholder that the text must not have."""
         for item in fields(self):
             known = PLACEHOLDERS[item.name]
             _refuse_unprintable(f"program.{item.name}", getattr(self, item.name))
@@ -56,7 +55,7 @@ class Signals:
                     )
 
     def blocks(self, which: str, *, setup: int, count: int = 0) -> list[str]:
-        """Return the blocks of one field, with the numbers in place of the placeholders."""
+        """Return the blocks of one field, with numbers instead of placeholders."""
         text: str = getattr(self, which)
         return text.format(setup=setup, count=count).splitlines()
 
@@ -83,9 +82,6 @@ def _placeholders(where: str, text: str) -> list[str]:
 
 
 def _refuse_unprintable(where: str, text: str) -> None:
-    """Raise UsageError for characters that an NC program cannot contain, and for texts so long that
-    the program would become too large.
-    """
     if len(text) > LONGEST_TEXT or any(
         letter != "\n" and not (letter.isascii() and letter.isprintable()) for letter in text
     ):

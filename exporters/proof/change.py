@@ -1,5 +1,5 @@
-"""The change of the machine by the loaded tables along the setups of a proof run: the measured
-change from readings, and the predicted change from the active tables.
+"""The change of the readings from survey to proof run: measured, and predicted from the loaded
+tables.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,18 +16,18 @@ from stepdiag.exporters.safety.verdicts.regression import Measured, measured
 from stepdiag.exporters.tables.tables import Table, correction_um
 
 SAME_MM = 1.0
-"""Distance in mm above which two positions belong to different stops of a pass: commanded and
-actual position of a stop are nearer.
+"""Distance in mm above which two positions belong to different stops of a pass. The commanded and
+the actual position of one stop differ by less.
 """
 SCALE_UM_M = 5.0
-"""Standard uncertainty in um/m of the change of a length between survey and proof run: half a
-degree in the temperature of the material.
+"""Standard uncertainty in um/m of the change of a length between survey and proof run: 0.5 C in the
+temperature of the material.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """A setup in one direction of travel: stops (N, 3) in the order of travel, and the unit vector
+    """One direction of travel of a setup: stops (N, 3) in the order of travel, and the unit vector
     (3,) along which the reading grows.
     """
 
@@ -63,9 +63,10 @@ class Way:
 
 def ways_of(readings: Readings, setups: Sequence[str]) -> Iterator[tuple[Way, Vector]]:
     """Yield each direction of travel of some setups, with the mean deviation of its passes at the
-    stops in um: the reading minus the position along the beam.
+    stops in um: reading minus position along the beam.
 
-    If later passes move the axes in another order than the first pass, only the first pass is used.
+    If later passes move the axes in another order than the first pass, only the first pass is
+    used.
     """
     passes = readings.passes()
     for setup in setups:
@@ -105,8 +106,8 @@ def ways_of(readings: Readings, setups: Sequence[str]) -> Iterator[tuple[Way, Ve
 
 
 def changes(before: Readings, after: Readings) -> tuple[list[Way], Vector]:
-    """Return the setups and directions that survey and proof run have in common, and the change of
-    the readings from survey to proof run, one after the other at all their stops, in um.
+    """Return the directions of travel that survey and proof run have in common, and the change of
+    the readings from survey to proof run in um, concatenated over all their stops.
     """
     ways, parts = [], [np.zeros(0)]
     setups = list(dict.fromkeys(after.setup))
@@ -126,9 +127,6 @@ def _same(one: Vector, other: Vector) -> bool:
 
 
 def columns(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, Vector]:
-    """Return the effect of each function's tables together on the laser's reading, one after the
-    other at all stops, in um.
-    """
     seen: dict[str, Vector] = {}
     for table in tables:
         own = np.concatenate([way.seen_um(table) for way in ways])
@@ -137,7 +135,7 @@ def columns(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, Vector]:
 
 
 def exchanged(table: Table, one: str, other: str) -> Table:
-    """Return a table that acts as the given table does if two axes are exchanged."""
+    """Return a table with the effect that the given table has after two axes are exchanged."""
     names = {one: other, other: one}
     lever = (
         None
@@ -153,10 +151,10 @@ def exchanged(table: Table, one: str, other: str) -> Table:
 def regressed(ways: Sequence[Way], change_um: Vector, seen: Mapping[str, Vector]) -> Measured:
     """Return the regression of a change of the readings on the effects of each function's tables.
 
-    The regression also estimates an origin for each setup and direction, two tilts of the newly set
+    The regression also estimates an origin for each direction of travel, two tilts of the newly set
     up mirror for each diagonal, and a scale within `SCALE_UM_M`. The scatter has two parts of equal
     size: one of each reading, and one of each arrival of an axis, which stays until the next move
-    of the axis.
+    of this axis.
     """
     count = len(change_um)
     begins = np.cumsum([0, *(len(way.stops_mm) for way in ways)])
@@ -188,9 +186,9 @@ def regressed(ways: Sequence[Way], change_um: Vector, seen: Mapping[str, Vector]
 
 
 def unit_u(tables: Sequence[Table], ways: Sequence[Way]) -> dict[str, float]:
-    """Return the standard uncertainty of the factor of each function's tables, from a drive along
-    the given setups with readings that scatter by 1 um. A function whose tables do not change the
-    readings is left out.
+    """Return the standard uncertainty of the factor of each function's tables, for the given setups
+    and readings that scatter by 1 um. A function whose tables do not change the readings is left
+    out.
     """
     seen = columns(tables, ways)
     if not seen:

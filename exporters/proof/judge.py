@@ -1,24 +1,25 @@
-"""Test whether each table in the control acts as the exported table, by readings of ten minutes.
+"""Test, by readings of ten minutes, whether each table in the control acts as the exported table.
 
     change = sum over functions of factor * effect of the function's tables on the readings +
     origin, mirror tilts and scale of the new set-up
 
 The factor is 1 for a table that acts as exported, -1 for a table with the opposite sign, 0 for an
-inactive table, a half or 2 for a wrong weight or a double loading; if two axes were exchanged, the
-tables of both axes act along the wrong axis. One fault has one cause, so a fault explains one
-function, all functions of a kind of table, or all functions. Faults are added to the explanation
-one at a time, as long as each makes the readings `NAMED` times as likely as before.
+inactive table, and 1/2 or 2 for a wrong weight or a double loading. If two axes were exchanged, the
+tables of each axis act along the other axis. One fault affects one function, all functions of a
+kind of table, or all functions. The search adds one fault at a time, as long as each fault makes
+the readings `NAMED` times as likely as before.
 
-Any other factor means a table in another size. Such a table is reported if its size differs by more
+Any other factor means a table of another size. Such a table is wrong if its size differs by more
 than `verdicts.regression` tolerates, and if this size is `SURE` times as likely as the nearest
-state, whether the other tables have their states or any size. If only the first condition is true,
-the table is undecided.
+state. The second condition is tested twice: with the states of all other tables, and with any size
+of all other tables. If only the first condition is true, the table is undecided.
 
-A table is decided if every other state of this table alone, and of all tables of its kind, makes
-the readings `SURE` times less likely. The report shows the factor of the table with U. If the table
-has a state, the factor is estimated with the states of all other tables, else with any size of the
-other tables. The tables are kept if each table is right, or is undecided but too small to matter:
-its possible states then differ by no more than U by the survey's own readings.
+The state of a table is decided if every other state of this table alone, and of all tables of its
+kind, makes the readings `SURE` times less likely. The report shows the factor of the table with U.
+The factor of a table with a state is estimated with the states of all other tables; the factor of a
+table without a state is estimated with any size of the other tables. The tables are kept if each
+table is right, or is undecided but too small to matter: its possible states then differ by no more
+than U of the survey.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -53,17 +54,18 @@ STATES: tuple[tuple[Code, float], ...] = (
     ("scaled", 2.0),
 )
 SURE, NAMED = 20.0, 400.0
-"""Least odds for one state of a table against another state; and least odds for a fault against no
-fault (higher, because more than fifty faults are tried).
+"""Least odds for one state of a table against another state, and least odds for a fault against no
+fault. The second value is higher, because more than fifty faults are tried.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proved:
     """The verdict on the tables of one function: the ``factor`` with its standard uncertainty
-    ``u``, and ``seen_um``, the rms of the expected effect on the readings. ``code`` is None if the
-    run does not decide the state; ``harmless`` is then true if the possible states differ by no
-    more than U of the survey.
+    ``u``, and ``seen_um``, the rms of the expected effect on the readings.
+
+    ``code`` is None if the run does not decide the state. ``harmless`` is then true if the possible
+    states differ by no more than U of the survey.
     """
 
     function: str
@@ -76,7 +78,6 @@ class Proved:
 
     @property
     def state(self) -> Literal["right", "wrong", "undecided"]:
-        """Return whether the tables of the function are right, wrong or undecided."""
         if self.code is None:
             return "right" if self.harmless else "undecided"
         return "right" if self.code == "right" else "wrong"
@@ -84,10 +85,10 @@ class Proved:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proof:
-    """The verdicts of a proof run, and the consequence: keep the tables, restore the control, or
-    continue driving. ``further`` are the setups of the survey that show the undecided tables best;
-    a repetition of the proof run would not help, because the mirror tilts of its set-up stay
-    unknown.
+    """The verdicts of a proof run.
+
+    ``further`` contains the setups of the survey that show the undecided tables best. A repetition
+    of the proof run would not help, because the mirror tilts of its set-up stay unknown.
     """
 
     tables: tuple[Proved, ...]
@@ -96,7 +97,6 @@ class Proof:
 
     @property
     def action(self) -> Literal["keep", "restore", "undecided"]:
-        """Return the consequence of the verdicts on all tables."""
         states = {each.state for each in self.tables}
         if "wrong" in states:
             return "restore"
@@ -105,17 +105,11 @@ class Proof:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Explained:
-    """An explanation of the readings: the state of each function's tables, and the predicted effect
-    of all tables on the readings.
-    """
-
     states: Mapping[str, tuple[Code, float]]
     predicted_um: Vector
 
 
 class _Case:
-    """The tables and the readings of a proof run."""
-
     def __init__(
         self,
         before: Readings,
@@ -134,8 +128,8 @@ class _Case:
             )
         old = columns(replaced, self.ways)
         self.seen = columns(self.tables, self.ways)
-        # the new readings lack the effect of the tables that acted during the survey, or the new
-        # tables include it
+        # The tables that were active during the survey are replaced: their effect is missing
+        # in the new readings, or the new tables include it.
         self.change_um = self.change_um + sum(old.values(), self.nothing)
         if not self.seen:
             raise DataError(
@@ -158,9 +152,6 @@ class _Case:
         return self.fit.misfit(explained.predicted_um)
 
     def parts(self, explained: _Explained, names: Sequence[str]) -> tuple[Vector, Vector]:
-        """Return the effect on the readings of some tables as exported, and of all other tables as
-        explained.
-        """
         together = sum((self.seen[name] for name in names), self.nothing)
         own = sum(
             (explained.states[name][1] * self.seen[name] for name in names), self.nothing
@@ -253,12 +244,12 @@ def prove(
     acting: Sequence[Table],
     replaced: Sequence[Table] = (),
 ) -> Proof:
-    """Return the verdicts of a proof run: ``before`` are the readings of the survey with this
+    """Return the verdicts of a proof run. ``before`` contains the readings of the survey with this
     ``result``, ``after`` the readings of the proof run.
 
-    The tables in ``acting`` should be active in the proof run, ``replaced`` were active in the
-    survey. Raises ``DataError`` if survey and proof run share no stops, or if no table changes the
-    readings.
+    The tables in ``acting`` should be active in the proof run. The tables in ``replaced`` were
+    active in the survey. Raises ``DataError`` if survey and proof run share no stops, or if no
+    table changes the readings.
     """
     case = _Case(before, after, acting, replaced)
     best = case.right()
@@ -287,8 +278,8 @@ def prove(
 def _further(
     case: _Case, before: Readings, after: Readings, proved: Sequence[Proved]
 ) -> tuple[str, ...]:
-    """Return the setups outside the proof run that give the undecided tables the smallest u: as few
-    setups as are needed for every undecided table that the survey can show.
+    """Return the setups outside the proof run that give the undecided tables the smallest u. The
+    list is as short as possible, and covers every undecided table that the survey can show.
     """
     missing = {each.function for each in proved if each.state == "undecided"}
     ways = {
@@ -326,8 +317,8 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
         np.inf if state == "axes-swapped" else abs(share - 1.0) for state, share in states
     )
     shown, u = case.shown(best, name)
-    # a size without a known cause is that of these tables only if no sizes of the other tables
-    # explain it
+    # A size without a known cause is accepted only if no sizes of the other tables explain
+    # it.
     unsized = (code, factor) not in STATES and code == "scaled" and _code(shown, u) != code
     return Proved(
         function=name,
@@ -341,9 +332,6 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
 
 
 def _unseen(case: _Case, name: str, result: Result) -> Proved:
-    """Return the verdict on tables that do not change the readings of the driven setups: every
-    state is possible.
-    """
     return Proved(
         function=name,
         kind=case.kinds[name],
@@ -356,7 +344,6 @@ def _unseen(case: _Case, name: str, result: Result) -> Proved:
 
 
 def _size_um(case: _Case, name: str) -> float:
-    """Return the size of the tables of a function in um: the rms about their means."""
     values = [table.absolute_um for table in case.tables if table.name == name]
     return rms(np.concatenate([each - np.mean(each) for each in values]))
 

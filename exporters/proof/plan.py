@@ -1,5 +1,5 @@
-"""The plan of a proof run: its diagonal and its line, the number of passes, and the expected effect
-of each table on the readings.
+"""The plan of a proof run: its diagonal, its line, the number of passes, and the expected effect of
+each table on the readings.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ class Foreseen:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProofPlan:
     """The setups of a proof run with the number of repeats, the minutes of driving, and the
-    expected effect of each table on the readings.
+    expected effect of each table.
     """
 
     setups: tuple[str, ...]
@@ -49,8 +49,8 @@ class ProofPlan:
 def plan_proof(
     result: Result, readings: Readings, driven: Plan, acting: Sequence[Table], minutes: float
 ) -> ProofPlan:
-    """Return the plan with the diagonal and the line of a survey that show best the table that is
-    hardest to see; the run is repeated within ``minutes`` of driving, and driven at least once.
+    """Return the plan with the diagonal and the line of a survey that best show the table with the
+    smallest effect. The run is driven as often as ``minutes`` of driving allow, and at least once.
 
     Raises ``DataError`` for a survey without a diagonal, and if no table changes the readings of
     the survey.
@@ -90,8 +90,8 @@ def plan_proof(
         run_minutes(driven, replace(run, repeats=1)) - setup_minutes(driven, run)
         for run in runs
     )
-    # the proof run needs readings of the survey at the same stops, which another order of axes does
-    # not have
+    # The proof run needs readings of the survey at the same stops. With another order of axes
+    # these stops differ.
     most = min((run.repeats for run in runs if run.alternate), default=int(minutes / once))
     repeats = max(min(int(minutes / once), most), 1)
     return ProofPlan(

@@ -1,9 +1,9 @@
-"""The safety checks before anything is written (controllers.md 10), each with its own code.
+"""The safety checks of an export (controllers.md 10). Each check has a finding code.
 
-An error refuses the export. A warning refuses the export too unless its code is accepted by name.
-Findings that never refuse are in ``remarks``. Numbers in the docstrings are those of controllers.md
-10; checks 1 (grid), 5 (overlap) and 9 (axes) are partly made where the numbers arise: in the
-profile and in the controller modules.
+An error refuses the export. A warning refuses the export unless a person accepts its code. The
+module `remarks` contains the findings that never refuse. Check numbers in the docstrings are those
+of controllers.md 10. The profile and the modules of the controls make parts of the checks 1 (grid),
+5 (overlap) and 9 (axes).
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -28,15 +28,16 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, summed_um
 
 SIGN_TEST_DAYS = 365
-"""A sign test is evidence for twelve months."""
+"""A sign test is valid for twelve months."""
 _ZERO_UM = 1e-3
 _METRIC_ONLY = ("siemens", "fanuc", "heidenhain", "beckhoff", "mitsubishi", "fagor")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """Everything the checks look at. ``previous`` are the tables in the control now, as far as the
-    profile gives them; ``today`` counts for sign tests alone."""
+    """Input of the checks. ``previous`` contains the tables in the control now, as far as the
+    profile contains them. ``today`` is used only for the age of a sign test.
+    """
 
     controller: Controller
     profile: Profile
@@ -60,7 +61,7 @@ def check_finite(case: Case) -> Iterator[Finding]:
 
 
 def check_values(case: Case) -> Iterator[Finding]:
-    """Check 2: the size of the correction, and the largest value of the control."""
+    """Check 2: size of the correction, and largest value of the control."""
     for table in case.tables:
         limits = case.profile.limits.at(_travel_mm(table))
         largest = float(np.max(np.abs(_net_um(case, table))))
@@ -75,11 +76,11 @@ def check_values(case: Case) -> Iterator[Finding]:
 
 
 def check_change(case: Case) -> Iterator[Finding]:
-    """Check 3: the change against the previous tables of the same function. The module `standing`
-    judges the other old tables.
+    """Check 3: change from the previous tables of the same function. The module `standing` checks
+    all other old tables.
 
-    A table of zeros is no previous table: the first compensation of a machine is judged by its size
-    alone (check 2).
+    Tables of zeros are no previous tables: only check 2 applies to the first compensation of a
+    machine.
     """
     for table in case.tables:
         before = [
@@ -94,7 +95,9 @@ def check_change(case: Case) -> Iterator[Finding]:
 
 
 def check_slope(case: Case) -> Iterator[Finding]:
-    """Check 4: change per mm, and from point to point if the control limits it."""
+    """Check 4: change of the correction per mm; and the change from point to point, if the control
+    limits this change.
+    """
     for table in case.tables:
         own = case.controller.limits(table, case.profile)
         spacing = np.diff(table.position_mm)
@@ -118,7 +121,7 @@ def check_slope(case: Case) -> Iterator[Finding]:
 
 
 def check_points(case: Case) -> Iterator[Finding]:
-    """Check 5: number of points, and of tables of a kind."""
+    """Check 5: number of points of a table, and number of tables of a kind."""
     for kind in sorted({table.kind for table in case.tables}):
         of_kind = [table for table in case.tables if table.kind == kind]
         held = case.controller.limits(of_kind[0], case.profile).tables
@@ -163,7 +166,9 @@ def check_reference(case: Case) -> Iterator[Finding]:
 
 
 def check_travel(case: Case) -> Iterator[Finding]:
-    """Check 7: the table covers the travel of its axis, or holds its end values beyond it."""
+    """Check 7: the table covers the travel of its axis; otherwise the end values act beyond the
+    table.
+    """
     for table in case.tables:
         travel = case.profile.axis(table.input_axis).travel_mm
         if travel is None or table.law.ends == "extended" or not table.absolute_um.any():
@@ -184,7 +189,7 @@ def check_travel(case: Case) -> Iterator[Finding]:
 
 
 def check_units(case: Case) -> Iterator[Finding]:
-    """Check 8: the unit system of the control."""
+    """Check 8: the control works in mm."""
     if case.profile.machine.units != "mm" and case.controller.name in _METRIC_ONLY:
         yield error(
             "units-not-metric",
@@ -194,14 +199,14 @@ def check_units(case: Case) -> Iterator[Finding]:
 
 
 def check_axes(case: Case) -> Iterator[Finding]:
-    """Check 9: every axis has a name of its own."""
+    """Check 9: two axes do not have the same name."""
     names = [axis.name for axis in case.profile.axes.values()]
     for name in sorted({name for name in names if names.count(name) > 1}):
         yield error("profile-incomplete.name", source=case.profile.source, name=name)
 
 
 def check_reversal(case: Case) -> Iterator[Finding]:
-    """Check 12: reversal error in the tables and in the backlash parameter at the same time."""
+    """Check 12: tables and backlash parameter do not correct the reversal error twice."""
     letters = {
         table.input_axis
         for table in case.tables
@@ -220,7 +225,7 @@ def check_reversal(case: Case) -> Iterator[Finding]:
 
 def check_quality(case: Case) -> Iterator[Finding]:
     """Check 13: the solver's findings about the data, and the size of the correction relative to
-    repeatability and its own uncertainty.
+    repeatability and uncertainty.
     """
     for each in case.result.findings:
         if each.severity == "error":
@@ -247,7 +252,7 @@ def check_quality(case: Case) -> Iterator[Finding]:
 
 
 def check_sign(case: Case) -> Iterator[Finding]:
-    """Check 14: a sign test that contradicts the sense of a table. Without a test, the file names
+    """Check 14: no sign test contradicts the sense of a table. Without a sign test, the file names
     carry a warning instead.
     """
     for kind, sense in sorted({(table.kind, table.law.sense) for table in case.tables}):
@@ -278,20 +283,22 @@ CHECKS: tuple[Check, ...] = (
 
 
 def run_checks(case: Case, checks: Sequence[Check] = CHECKS) -> tuple[Finding, ...]:
-    """Return every error and every warning; for tables that are not finite or not ascending, no
-    further check is made.
+    """Return every error and every warning. If a table is not finite or not ascending, only the
+    findings of this check are returned.
     """
     broken = tuple(check_finite(case))
     return broken or tuple(one for check in checks for one in check(case))
 
 
 LIMITS: tuple[Check, ...] = (check_values, check_slope, check_points, check_units)
-"""The checks of tables from any source, which need only a control, a profile and a result."""
+"""Checks that need only a control, a profile and a result. These checks also apply to tables that
+no export has made.
+"""
 
 
 def refuse(findings: Collection[Finding], accept: Collection[str], where: Words) -> None:
-    """Raise ``SafetyError`` with the key of the first finding that is an error or a warning without
-    acceptance.
+    """Raise ``SafetyError`` with the key of the first error, or of the first warning that is not
+    accepted.
     """
     refusing = [
         item
@@ -321,7 +328,7 @@ def untested_kinds(case: Case) -> tuple[str, ...]:
     """Return the kinds of table without a sign test of this machine, control and measuring system
     in the twelve months before today.
 
-    Neutral curves have no sense to test.
+    Neutral curves need no sign test.
     """
     if case.controller.name == curves_csv.NAME:
         return ()
@@ -335,8 +342,6 @@ def untested_kinds(case: Case) -> tuple[str, ...]:
 
 
 def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
-    """Return the summed correction of tables at the points of one of them, in its direction of
-    travel."""
     return summed_um(tables, grid_of.position_mm, grid_of.direction or 1)
 
 
@@ -349,7 +354,6 @@ def _travel_mm(table: Table) -> float:
 
 
 def _measured_mm(result: Result, table: Table) -> float:
-    """Return the smallest distance in mm of two measured values of the function of a table."""
     function = result.errors.get(table.name)
     if function is not None and len(function.position_mm) > 1:
         return float(np.min(np.diff(function.position_mm)))
@@ -359,16 +363,16 @@ def _measured_mm(result: Result, table: Table) -> float:
 
 
 def _most(limit: float | None) -> float:
-    """Return a limit of a control, infinite without one; a limit of zero is a limit."""
     return np.inf if limit is None else limit
 
 
 def _net_um(case: Case, table: Table) -> Vector:
-    """Return the correction at the points of a table together with that of the angles at the same
+    """Return the correction at the points of a table plus the correction by the angles of the same
     axis, whose levers count from the zero of the axes.
 
-    Far from this zero, such a column and its angle are large and nearly cancel each other; the axis
-    moves by the difference, here the mean over the volume, relative to the reference.
+    Far from this zero, the table and the effect of its angles are large and nearly cancel each
+    other. The axis moves by their sum. The result is the mean of the sum over the volume, relative
+    to the reference.
     """
     turns = [
         each

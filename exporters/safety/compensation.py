@@ -1,11 +1,10 @@
-"""Compensation active in the control during the measurement: part of the measurement, stated in
-`survey` of the result.
+"""The compensation that was active in the control during the measurement. The survey file states
+the compensation and the active files before the first pass.
 
-A table made from the residue of a compensated machine, loaded in place of the active table, makes
-the machine worse; so does a table made from the bare machine and added to the active table. So the
-survey states the active compensation before the first pass, with its files, and an export with a
-contradicting profile or files is refused. The hashes are those of files that the operator read out
-of the control, with the date and the way of reading.
+Two exports make the machine worse: a table made from the residual error of a compensated machine
+that replaces the active table, and a table made from the uncompensated machine that is added to the
+active table. So an export is refused if its profile or files contradict the survey. The hashes are
+those of files that the operator read out of the control, with the date and the way of reading.
 """
 
 import hashlib
@@ -24,7 +23,7 @@ def require_agreement(result: Result, profile: Profile) -> None:
     """Raise ``SafetyError`` unless survey, profile and files state the same active compensation
     during the measurement.
 
-    Codes: The keys are ``compensation-unanswered`` (the survey left the question open),
+    The codes are ``compensation-unanswered`` (the survey states nothing),
     ``survey-differs.compensation`` (one states on, the other off) and ``active-table-unfit.other``
     (other files).
     """
@@ -63,7 +62,9 @@ def require_answer(result: Result) -> Statement:
 
 
 def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
-    """Yield ``compensation-unanswered.profile`` if only the profile states the active files."""
+    """Yield ``compensation-unanswered.profile`` if the profile names active files and the survey
+    does not.
+    """
     if stated_in(result).state is None and not profile.assumed:
         state = (
             message("state-on")
@@ -88,8 +89,8 @@ def _require_same_files(statement: Statement, profile: Profile) -> None:
 
 
 def _require_noted(profile: Profile) -> None:
-    """Check the files of a profile against the hashes noted when the files were read out of the
-    control.
+    """Raise SafetyError for a file of the profile without the hash that was noted when the file was
+    read out of the control.
     """
     if profile.machine.measured_with == "off":
         return

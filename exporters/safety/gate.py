@@ -1,8 +1,9 @@
-"""The last check: code that did not write the final text for a control reads and checks it once
-more.
+"""The last check: separate code reads the final text for a control and compares it with the checked
+plan.
 
-Whatever fault came before, no control gets an invalid number, a power of ten, more digits than it
-accepts, or a table whose positions do not ascend or whose values are not the checked ones.
+Whatever fault an earlier step contains, no control gets an invalid number, a power of ten, more
+digits than it accepts, positions that do not ascend, or values that differ from the checked
+values.
 """
 
 import re
@@ -23,8 +24,9 @@ _POWER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?\d+(?:\.\d*)?[eE][-+]?\d+(?![A-Za-z
 _NUMBER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?(\d+)(?:\.(\d*))?(?![A-Za-z0-9_.])")
 _BARE_POINT = re.compile(r"(?<![0-9])\.\d|--\d|\+-\d|-\+\d")
 _DIGITS, _DECIMALS = 12, 9
-"""Digits before and after the point: the identity of a control has twelve, a position in inches
-nine decimals."""
+"""Largest number of digits before and after the point. The identity of a control has twelve digits;
+a position in inches has nine decimals.
+"""
 _PAST = 3
 """Largest number of lines that a refusal names."""
 
@@ -32,7 +34,7 @@ _PAST = 3
 def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ()) -> None:
     """Raise ``SafetyError`` (code ``file-unsound.text``) for text that a control could misread.
 
-    Notes for people are not checked, nor unchanged lines of the machine's ``own`` files.
+    Notes for people, and unchanged lines of the machine's ``own`` files, are not checked.
     """
     known = {line for file in own for line in file.data.splitlines()}
     for file in files:
@@ -49,13 +51,13 @@ def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ())
 
 def gate_findings(case: Case, standing: Standing) -> Iterator[Finding]:
     """Yield the faults of the tables that a control reads from the written text: differences from
-    the checked plan, limits of old tables in the files, travel, and the verdicts of `verify`.
+    the checked plan, limits and travel, and the verdicts of `verify`.
 
-    The ``standing`` holds the contents of the control after it has read this text.
+    ``standing`` contains the tables of the control after it has read the written text.
     """
     profile, read = case.profile, standing.new
     written = {table.identity for table in read}
-    # a file may also hold old tables of the machine, unchanged
+    # A file may also contain unchanged old tables of the machine.
     kept = {each.identity: each for each in standing.before if each.identity in written}
     planned = {table.identity: table for table in case.tables}
     for each in differences([*(kept | planned).values()], read):

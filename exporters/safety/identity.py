@@ -1,4 +1,4 @@
-"""The test whether a result and a profile belong to the same machine, by the stated names."""
+"""Check that a result and a profile belong to the same machine, by the machine names."""
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.messages import message
@@ -6,15 +6,14 @@ from stepdiag.base.result.result import Result
 from stepdiag.exporters.tables.profile import Profile
 
 UNANSWERED = frozenset({"", "machine", "?"})
-"""Machine names of a survey file whose questions are not answered yet."""
+"""Machine names of a survey file in which the question for the name is still open."""
 
 
 def require_same_machine(result: Result, profile: Profile) -> None:
-    """Raise ``SafetyError`` if result and profile name different machines: a table of one machine
-    is never right for another.
+    """Raise ``SafetyError`` if result and profile name different machines.
 
-    Case and spaces do not matter; a result without a machine's name, and the stand-in for a
-    profile, are no evidence.
+    Case and spaces do not matter. A result without a machine name, and an assumed profile, are no
+    evidence.
     """
     measured = "" if result.survey is None else result.survey.machine
     if profile.assumed or measured.strip().lower() in UNANSWERED:
@@ -30,5 +29,4 @@ def require_same_machine(result: Result, profile: Profile) -> None:
 
 
 def same_name(one: str, other: str) -> bool:
-    """Return whether two names are equal except for case and spaces."""
     return "".join(one.lower().split()) == "".join(other.lower().split())

@@ -1,9 +1,9 @@
-"""Compensations that remove the effect of the angles' levers on the tool: a lattice, products of
+"""Compensations that correct the effect of the angles' levers on the tool: a lattice, products of
 tables, columns of angles.
 
-During such a compensation the angles of the axes remain, but the readings do not contain their
-levers. A solver that adds these angles to the model finds squareness errors that do not exist (3
-urad for angles of 10 urad, on the control of our tests).
+Under such a compensation the axes still rotate, but the readings do not contain the levers of the
+angles. A solver that uses the measured angles then computes squareness errors that do not exist (3
+urad for angles of 10 urad, on the virtual control of the tests).
 """
 
 import re
@@ -26,9 +26,6 @@ _ANGLE_COLUMNS = re.compile(
 
 
 def without_levers(files: Mapping[str, bytes]) -> tuple[str, ...]:
-    """Return the names of the active files that compensate the effect of angles with their
-    levers.
-    """
     return tuple(
         name
         for name, data in files.items()
@@ -39,8 +36,8 @@ def without_levers(files: Mapping[str, bytes]) -> tuple[str, ...]:
 
 
 def left_out(files: Mapping[str, bytes]) -> Finding | None:
-    """Return the finding that a solution does not use the measured angles, because ``files`` were
-    active; None where the angles may be used.
+    """Return the finding that a solution does not use the measured angles because ``files`` were
+    active; None if the solution may use them.
     """
     names = without_levers(files)
     if not names:
@@ -49,8 +46,8 @@ def left_out(files: Mapping[str, bytes]) -> Finding | None:
 
 
 def require_levers(result: Result, profile: Profile) -> None:
-    """Raise ``SafetyError`` for a result with measured angles of a machine whose compensation
-    removed their levers.
+    """Raise ``SafetyError`` for a result with measured angles, if the active compensation corrected
+    the levers of the angles.
     """
     names = without_levers({file.name: file.data for file in profile.existing})
     known = [name for name in ROTATIONS if result.knows(name)]

@@ -1,9 +1,9 @@
-"""The comparison of the numbers read out of a control with an export, or before loading with the
-machine's own files: number by number, with switches and weights.
+"""Compares the numbers read out of a control with an export, or before loading with the machine's
+own files.
 
-A loading that ended half-way, an old file that was loaded again, a forgotten switch: the control's
-own numbers show each of these faults, and no statement does. Written and read tables are compared
-as the control applies them, within half a unit of the file.
+An interrupted loading, an old file that was loaded again and a forgotten switch are visible only in
+the control's own numbers. Tables are compared as the control applies them, within half a unit of
+the last digit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,8 +28,9 @@ BEFORE: Mapping[str, str] = {
     "mitsubishi": "Write the parameters out, or key the list in from the screen",
     "fagor": "Copy the leadscrew tables out of the control",
 }
-"""The step that reads out the control's contents before loading, for controls on which no program
-of the export compares them. V.A. variables: Beckhoff infosys, tf5200_axis_compensation, 308731019.
+"""The step that reads out the contents of the control before loading, for controls without a
+loading program that compares them. Source of the V.A. variables: Beckhoff infosys,
+tf5200_axis_compensation, 308731019.
 """
 STEPS: Mapping[str, str] = {
     "siemens": "Run READ_BACK.MPF; save STEPDIAG_BACK.MPF, which it writes, as STEPDIAG_BACK.INI.",
@@ -43,10 +44,10 @@ STEPS: Mapping[str, str] = {
     "mitsubishi": "Write the parameters out again, or key the list back in from the screen.",
     "fagor": "Copy the leadscrew tables out of the control again.",
 }
-"""The step that reads the numbers out of each control; a command then compares them."""
+"""The step after loading that reads the numbers out of a control, by the name of the control."""
 _UNIT_SHARE = 0.51
-"""Largest difference of two equal numbers in units of the last digit: half a unit, and the last
-bit.
+"""Largest difference of two equal numbers, in units of the last digit: half a unit and the rounding
+of a float.
 """
 _LEAST_UM = 2e-3
 """The unit of the last digit of numbers read from a running control."""
@@ -55,8 +56,8 @@ _PLACE_MM = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadBack:
-    """Result of a comparison: numbers of compared values and switches, and a finding for each table
-    and switch that differs.
+    """Result of a comparison: the numbers of compared values and switches, and a finding for each
+    table and each switch that differs.
     """
 
     numbers: int
@@ -81,9 +82,9 @@ def compare(
 def compare_before(
     controller: Controller, held: Sequence[ControlFile], profile: Profile
 ) -> ReadBack:
-    """Return the comparison of the control's contents before loading with the machine's own files
-    in the profile (with empty contents if it names no files); switches are compared if tables were
-    active during the measurement.
+    """Return the comparison of the control before loading with the machine's own files in the
+    profile. If the profile names no files, the control must contain no tables. Switches are
+    compared if tables were active during the measurement.
 
     Raises ``DataError`` for a file of another control.
     """
@@ -128,8 +129,8 @@ def _compared(
 
 
 def differences(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Finding]:
-    """Yield the differences between wanted tables and the tables read from files, and every other
-    table in the files that is not empty.
+    """Yield the differences between the wanted tables and the tables read from files, and every
+    surplus table that is not zero.
     """
     found, known = (
         {table.identity: table for table in held},
@@ -143,8 +144,8 @@ def differences(wanted: Sequence[Table], held: Sequence[Table]) -> Iterator[Find
 
 
 def as_data(file: ControlFile) -> ControlFile:
-    """Return a part program written by a control as a data file: its switches are read as values,
-    and do not count as instructions.
+    """Return a part program from a control as a data file: its switches are values and not
+    instructions.
     """
     path = PurePath(file.name)
     return (
@@ -155,9 +156,6 @@ def as_data(file: ControlFile) -> ControlFile:
 
 
 def _of_table(wanted: Table, held: Table | None) -> Iterator[Finding]:
-    """Yield the differences of a table: its absence, its positions, or the number of differing
-    values and the first of them.
-    """
     label = wanted.label
     if held is None:
         if wanted.value_um.any():

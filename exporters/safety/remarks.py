@@ -15,13 +15,12 @@ from stepdiag.exporters.tables.curves import SIGNIFICANT
 from stepdiag.exporters.tables.sampling import is_directional
 
 _COARSE_UM = 0.5
-"""Largest residue of a table between its points, in um, that needs no report: about the uncertainty
+"""Largest error of a table between its points, in um, that needs no report: about the uncertainty
 of a good survey.
 """
 
 
 def remarks(case: Case) -> tuple[Finding, ...]:
-    """Return the remarks for the report and the terminal."""
     makers = (
         _assumptions,
         _shape_only,
@@ -59,7 +58,6 @@ def _sign(case: Case) -> Iterator[Finding]:
 
 
 def _coarse(case: Case) -> Iterator[Finding]:
-    """Report the residue of tables whose points are not at the measured positions."""
     written = {table.name for table in case.tables}
     left = {}
     for curve in (curve for curve in case.curves if curve.name in written):
@@ -79,8 +77,8 @@ def missed_um(grid_mm: Vector, position_mm: Vector, value_um: Vector) -> float:
 
 
 def coarse(whose: Message, missed: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield the remark that the points of ``whose`` differ from the functions by more than a
-    survey's uncertainty.
+    """Yield the remark that straight lines between the points of ``whose`` differ from the
+    functions by more than the uncertainty of a survey.
     """
     left = [
         message("so-much-of", name=name, size_um=um)
@@ -115,9 +113,6 @@ def _state(case: Case) -> Iterator[Finding]:
 
 
 def _reversal(case: Case) -> Iterator[Finding]:
-    """Offer the backlash number with its U, or report that there is none; and report a table per
-    direction that would contain only chance.
-    """
     for curve in case.curves:
         if curve.name not in POSITIONING:
             continue
@@ -135,12 +130,12 @@ def _reversal(case: Case) -> Iterator[Finding]:
 def backlash_offered(
     result: Result, letter: str, *, ends_backlash: bool
 ) -> Iterator[Finding]:
-    """Yield the backlash of an axis with its U and its place; nothing if the survey has no
-    significant backlash.
+    """Yield the backlash of an axis with its U, if the survey has a significant backlash.
 
-    The backlash was measured while the control's own parameter was active, so it is added to the
-    value that the parameter had then (the present value may already contain it); a control that
-    ``ends_backlash`` ignores this parameter beside a table.
+    The control's backlash parameter was active during the measurement. So the measured backlash is
+    added to the value that the parameter had during the measurement, and not to the present value,
+    which may already contain it. A control that ``ends_backlash`` ignores this parameter beside a
+    table.
     """
     number: Backlash | None = getattr(result.backlash, letter, None)
     if number is None or abs(number.value) <= SIGNIFICANT * number.u:

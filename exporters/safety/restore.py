@@ -1,5 +1,3 @@
-"""The files that bring a control back to its earlier state, marked by their names."""
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,15 +1,15 @@
-"""Theory of operation: the test whether the two runs of a sign test are evidence for the sense of a
-table.
+"""The test whether the two runs of a sign test are evidence for the sense of a table.
 
-A bump that moves the axis the wrong way, two exchanged runs, and a laser that counts backwards
-cause the same difference of the runs. The curve of the axis, known from a survey, separates them:
+Three faults cause the same difference of the two runs: a bump that moves the axis in the wrong
+direction, exchanged runs, and a laser that counts backwards. The error curve of the axis, known
+from a survey, separates these faults:
 
-    off = known curve + nothing,        on = known curve + sense * bump
+    off = known curve,              on = known curve + sense * bump
 
-So the run without the bump has to follow the known curve with its sign, and the bump has to be in
-the other run alone. In addition to the known curve a run may have an origin and a slope of its own,
-from the alignment of laser or dial; on a control with slopes only, the slope itself is tested. A
-record names its subject, and is no evidence for any other subject.
+The run without the bump must follow the known curve with its sign, and only the other run may
+contain the bump. A run may also have an origin and a slope, from the alignment of laser or dial. On
+a control with slopes only, the slope itself is tested. The record of a test is evidence only for
+the machine, control and measuring system in the record.
 """
 
 import hashlib
@@ -33,26 +33,25 @@ from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 
 FEWEST = 7
-"""Positions of a run: origin, slope, curve and bump are four unknowns."""
+"""Least number of positions of a run, to estimate four unknowns: origin, slope, curve and bump."""
 FOLLOWS_UM, FOLLOWS = 2.0, 0.6
-"""Largest difference between a run and the known curve, in um and as a share of the curve: it may
-come from another line of the volume, or from another temperature.
+"""Largest difference between a run and the known curve, in um and as a share of the curve. The run
+and the survey may differ in their line in the volume and in temperature.
 """
 HALF = 0.5
-"""Share of a bump or of a curve above which the run contains it (half of the whole)."""
+"""Share above which a run contains the bump or the curve."""
 NOISE_UM = 0.1
-"""The least scatter of readings."""
+"""Least scatter of readings in um."""
 SURE = 0.3
-"""Largest uncertainty of the share of a curve at which its sign is known: a third of the way from
-backwards to forwards, at 2 u.
+"""Largest standard uncertainty of the share of a curve at which its sign is known. The share is 1
+for a laser that counts forwards, and -1 for a laser that counts backwards.
 """
 
 
 def known_um(
     result: Result, controller: Controller, profile: Profile, test: Bump, position_mm: Vector
 ) -> Vector:
-    """Return the error of the bare machine at positions, in um, from a result: without the effect
-    of old tables that were active.
+    """Return the error of the machine without any compensation at positions, in um, from a result.
 
     Raises ``DataError`` for a function that the result does not identify.
     """
@@ -80,10 +79,10 @@ def known_um(
 
 def require_sound(test: Bump, run: SignRun, known: Vector) -> None:
     """Raise ``DataError``, with the name of the fault, unless the run with the table off follows
-    the ``known`` error (um) and the other run contains the bump.
+    the ``known`` error (um) and only the other run contains the bump.
 
-    The named faults are exchanged runs, a bump in both runs, a laser or dial that counts backwards,
-    a run of another axis or machine, and a curve too flat to show the direction of a dial.
+    The faults are exchanged runs, a bump in both runs, a laser or dial that counts backwards, a run
+    of another axis or machine, and a curve too flat to show the direction of a dial.
     """
     at = run.position_mm
     if len(at) < FEWEST:
@@ -115,9 +114,6 @@ def require_sound(test: Bump, run: SignRun, known: Vector) -> None:
 
 
 def _share(column: Vector, beside: Vector, values: Vector) -> tuple[float, float]:
-    """Return the coefficient of a column in values, with free coefficients for the columns
-    ``beside`` it, and its standard uncertainty from the scatter.
-    """
     own, rest = _without(beside, column), _without(beside, values)
     size = float(own @ own)
     if size < NOISE_UM**2:
@@ -130,7 +126,6 @@ def _share(column: Vector, beside: Vector, values: Vector) -> tuple[float, float
 
 
 def _without(columns: Vector, values: Vector) -> Vector:
-    """Return values without the part that columns explain."""
     return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
 
 
@@ -142,8 +137,8 @@ def _refused(expected: Message, found: Message) -> DataError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """Subject of a sign test: machine, control, measuring system ("" for a control without a
-    choice).
+    """Machine, control and measuring system of a sign test ("" for a control without a choice of
+    measuring system).
     """
 
     machine: str
@@ -151,8 +146,8 @@ class Subject:
     system: str
 
     def covers(self, record: SignTestRecord) -> bool:
-        """Return whether a record is about this machine, control and measuring system, and names
-        its bump and its runs.
+        """Return whether a record is about this machine, control and measuring system, and contains
+        the hashes of its bump and its runs.
         """
         same = (
             same_name(record.machine, self.machine)
@@ -163,7 +158,6 @@ class Subject:
 
 
 def subject(control: str, profile: Profile) -> Subject:
-    """Return the subject of a sign test on the machine of a profile."""
     return Subject(
         machine=profile.machine.name,
         control=control,

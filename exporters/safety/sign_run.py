@@ -1,5 +1,5 @@
-"""The run of a sign test as data: from readings of two linear runs, or from a small CSV with the
-readings of a dial or straightness laser.
+"""The readings of a sign test: two linear runs with a laser, or a small CSV from a dial or a
+straightness laser.
 """
 
 from typing import NamedTuple
@@ -17,17 +17,17 @@ from stepdiag.exporters.files.listing import number_rows
 HEADER = "position_mm,off_um,on_um"
 _SAME_MM = 1e-3
 _GROWTH = 0.01
-"""Largest difference between the growth of a reading and that of the position: no machine errs by
-10 mm in a metre.
+"""Largest difference between the growth of the reading and that of the position, as a ratio: no
+machine errs by 10 mm in a metre.
 """
 
 
 class SignRun(NamedTuple):
-    """Commanded positions of the input axis, and the places of the output axis there with the table
+    """Commanded positions of the input axis, and actual positions of the output axis with the table
     off and on; ascending.
 
-    The flag ``grows`` states that the readings of both runs grow with the position, so that the
-    counting direction of the laser is known.
+    If ``grows`` is true, the readings of both runs grow with the position, so the counting
+    direction of the laser is known.
     """
 
     position_mm: Vector
@@ -40,8 +40,8 @@ def from_readings(off: Readings, on: Readings, axis: str) -> SignRun:
     """Return the run along ``axis`` (X, Y, Z) from its linear run with the table off and the same
     run with the table on.
 
-    All passes of ``linear-x`` .. are averaged by position. Raises ``DataError`` where a run is
-    missing, the positions differ, or the readings of a run do not grow with the position.
+    The readings of all passes of ``linear-x`` .. are averaged by position. Raises ``DataError`` if
+    a run is missing, the positions differ, or the readings do not grow with the position.
     """
     before, after = (
         _by_position(readings, axis, state) for readings, state in ((off, "off"), (on, "on"))
@@ -73,8 +73,6 @@ def from_readings(off: Readings, on: Readings, axis: str) -> SignRun:
 
 
 def _by_position(readings: Readings, axis: str, state: str) -> dict[float, float]:
-    """Return the mean actual position in um at each commanded position in mm, ascending; a pass
-    counts from its own first stop."""
     along = readings.position_mm[:, AXES.index(axis.lower())]
     actual: dict[float, list[float]] = {}
     for key, rows in readings.passes().items():
@@ -93,8 +91,9 @@ def _by_position(readings: Readings, axis: str, state: str) -> dict[float, float
 
 
 def read_sign_run(file: ControlFile) -> SignRun:
-    """Return the run in a CSV ``position_mm,off_um,on_um``. Raises ``DataError`` with the line
-    where it is damaged."""
+    """Return the run in a CSV ``position_mm,off_um,on_um``. Raises ``DataError``, with the line,
+    for a damaged file.
+    """
     rows = number_rows(file, HEADER, message("three-numbers"))
     position, off, on = rows[np.argsort(rows[:, 0])].T
     return SignRun(position, off, on)

@@ -1,9 +1,9 @@
-"""The sign test: a bump table for a function, and the verdict from its movement (controllers.md
-11).
+"""The sign test: a table with a bump for one function, and the verdict on its sense from the
+movement of the axis (controllers.md 11).
 
-A sense stated in a manual is only a claim; the sign test is the experiment. The table is zero
-everywhere except for one trapezium with gentle flanks; the axis is driven to the same commanded
-positions with the table off and on, and the difference that the laser sees is the table's effect.
+A manual may state a wrong sense; the sign test measures the sense. The table is zero everywhere
+except for one trapezium with gentle flanks. The axis is driven to the same commanded positions with
+the table off and on. The difference of the readings is the effect of the table.
 """
 
 from collections.abc import Sequence
@@ -28,14 +28,15 @@ HEIGHT_UM = 10.0
 safety checks.
 """
 SLOPE_UM_MM = 0.2
-"""Length of a flank of the bump: long enough for the safety checks."""
+"""Slope of a flank of the bump, small enough for the safety checks."""
 _LEFT_BEYOND = 0.5
 """Largest share of the expected movement that may remain beyond a bump."""
 _NO_MOVEMENT = 0.05
 """Share of the expected movement below which the table is not active."""
 _SIZE = (0.525, 1.9)
-"""Share of the expected movement at which a sense is accepted: from 0.5 to 2, with a margin for the
-error of a reading, because both factors have possible causes.
+"""Shares of the expected movement between which the sense is accepted. A movement of half or twice
+the expected size has a likely cause, so it is not accepted; the margin is for the error of a
+reading.
 """
 _CAUSES = (
     (10.0, message("unit-ten-times")),
@@ -44,22 +45,24 @@ _CAUSES = (
     (1000.0, message("um-mixed-up")),
 )
 _ALIKE = 1.3
-"""Largest ratio of a movement to the factor of a cause for which the cause is named."""
+"""Largest ratio between a movement and the factor of a cause at which the report states this
+cause.
+"""
 
 
 _BESIDE = 5.0
-"""On a control that adds two linked tables, they move the axis ten times as far as their
-product.
+"""Share of the expected movement above which a control adds two linked tables instead of their
+product. A control that adds linked tables moves the axis ten times as far.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bump:
-    """A sign test ready for loading: the effect of the control's stated law at the decisive
-    positions.
+    """A sign test ready for loading, with the movement that the control's stated law predicts.
 
-    ``files`` go into the control for the test, ``restore`` after it. ``beyond_mm`` is the end of
-    the movement; None for a ramp, the form of a control with a slope and no curve.
+    ``files`` are loaded into the control for the test, ``restore`` after the test. ``beyond_mm`` is
+    the position where the movement ends; None for a ramp, which is the table of a control with a
+    slope and no curve.
     """
 
     function: str
@@ -70,17 +73,18 @@ class Bump:
     top_mm: float
     beyond_mm: float | None
     lever: tuple[str, float] | None = None
-    """For a product: the place of its other axis at which the product moves most."""
+    """For a product: the position of its other axis at which the product moves the output axis
+    most.
+    """
 
     @property
     def expected_um(self) -> float:
-        """Return the movement of the output axis from the reference to the top of the bump if the
-        stated sense is right."""
+        """Return the movement of the output axis from the reference to the top of the bump, if the
+        stated sense is right.
+        """
         return float(np.diff(self.moved_um(np.array([self.reference_mm, self.top_mm])))[0])
 
     def moved_um(self, at_mm: Vector) -> Vector:
-        """Return the movement of the output axis at positions of the input axis if the stated sense
-        is right."""
         lever = np.array([0.0 if self.lever is None else self.lever[1]])
         times = [
             1.0 if table.multiplier is None else table.multiplier.at(lever).item()
@@ -97,7 +101,7 @@ class Bump:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """Result of the sign test; ``sense`` is None without a decision, and ``words`` gives the
+    """Result of the sign test. ``sense`` is None without a decision. ``words`` contains the
     reason.
     """
 
@@ -108,14 +112,13 @@ class Verdict:
 
     @property
     def text(self) -> str:
-        """Return the English sentence."""
         return str(self.words)
 
 
 def bump(controller: Controller, profile: Profile, function: str) -> Bump:
-    """Return the bump table for ``function`` (EXX, EYX ..) on the longer side of its reference.
+    """Return the bump table for ``function`` (EXX, EYX ..), on the longer side of its reference.
 
-    Raises ``SafetyError`` where the travel is too short for a bump that a laser can see,
+    Raises ``SafetyError`` if the travel is too short for a bump that a laser can measure,
     ``UsageError`` for an unknown function.
     """
     base, star, by = function.partition("*")
@@ -180,21 +183,16 @@ def _curve(function: str, grid: Vector, shape: Vector, *parts: str) -> Curve:
 
 
 def _squareness_of(function: str) -> tuple[str, ...]:
-    """Return the squareness that a straightness function can hold as its slope."""
     return tuple(name for name, slopes in SQUARENESS_SLOPE.items() if function in slopes)
 
 
 def _levers(base: str) -> str:
-    """Return the axes that can be a lever of a table's error: all except the table's own axis."""
     return "XYZ".replace(base[2], "")
 
 
 def _product_plan(
     controller: Controller, profile: Profile, function: str, shape_um: Vector
 ) -> Plan:
-    """Return the plan of a single product, whose lever goes from -1 to +1 over the table of its
-    other axis.
-    """
     ends = profile.grid_mm(function[4])[[0, -1]]
     product = Product(
         output_axis=function[1],
@@ -223,11 +221,12 @@ def _product_plan(
 
 
 def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> Verdict:
-    """Return the verdict on the sense from the movement between table off and table on.
+    """Return the verdict on the sense, from the movement between table off and table on.
 
-    ``position_mm``: commanded positions of the input axis; ``off_um``, ``on_um``: actual position
-    of the output axis there, in its + direction, from any common zero. The run must reach the
-    reference, the top of the bump and the end beyond it; otherwise `DataError` is raised.
+    ``position_mm`` contains the commanded positions of the input axis. ``off_um`` and ``on_um``
+    contain the actual position of the output axis there, in its + direction, from any common zero.
+    Raises ``DataError`` if the run does not include the reference, the top of the bump and the end
+    beyond it.
     """
     table = test.tables[-1]
     moved = _from_reference(test, position_mm, np.asarray(on_um) - np.asarray(off_um))
@@ -277,9 +276,6 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
 
 
 def _cause(share: float) -> Message:
-    """Return the likely cause of a movement of the wrong size: the cause with the nearest
-    factor.
-    """
     factor = max(share, 1.0 / share)
     nearest, words = min(_CAUSES, key=lambda cause: abs(np.log(factor / cause[0])))
     if max(factor / nearest, nearest / factor) <= _ALIKE:
@@ -288,8 +284,9 @@ def _cause(share: float) -> Message:
 
 
 def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, float]:
-    """Return the four corners, from the one next to the reference outwards, on grid points, and the
-    height in um."""
+    """Return the four corners of the bump at grid points, from the corner next to the reference
+    outwards, and the height of the bump in um.
+    """
     up = grid[-1] - reference >= reference - grid[0]
     outward = grid[grid >= reference] if up else grid[grid <= reference][::-1]
     flank = max(1, round(HEIGHT_UM / SLOPE_UM_MM / float(grid[1] - grid[0])))
@@ -308,7 +305,6 @@ def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, floa
 
 
 def _far_mm(tables: Sequence[Table], grid_mm: Vector) -> float:
-    """Return the end of the travel of the other axis where a product moves most."""
     low, high = (
         sum(abs(t.multiplier.at(np.array([at])).item()) for t in tables if t.multiplier)
         for at in grid_mm[[0, -1]]
@@ -319,7 +315,6 @@ def _far_mm(tables: Sequence[Table], grid_mm: Vector) -> float:
 def _from_reference(
     test: Bump, position_mm: Vector, moved_um: Vector
 ) -> tuple[Vector, Vector]:
-    """Return positions in ascending order and the movement relative to the reference."""
     order = np.argsort(position_mm)
     position, moved = np.asarray(position_mm)[order], moved_um[order]
     needed = (

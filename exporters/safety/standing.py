@@ -1,9 +1,9 @@
-"""The contents of the control after loading files over its old contents, and their unexpected
-parts.
+"""The tables of a control after new files are loaded over its old contents. Old tables must not
+act, or stop acting, unexpectedly.
 
-A control discards nothing but overwritten tables. So the effect of an export is that of all tables
-that act afterwards, new and old; an old table that stays active beside a new table of its function,
-or whose correction is lost without a request, stops the export.
+Loading overwrites only the tables in the new files. So the effect of an export is the effect of all
+new and old tables that act afterwards. Two cases stop the export: an old table stays active beside
+a new table of its function, or the correction of an old table is lost without a request.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,13 +19,13 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, same_lever, summed_um
 
 NOTHING_UM = 1.0
-"""The loss of a slope or of an end causes a warning if it exceeds this value."""
+"""Loss of a slope or of an end, in um, above which a warning is given."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """The active tables of a control before and after loading, and the ``new`` tables among the
-    latter.
+    """The active tables of a control before and after loading. ``new`` contains the tables of the
+    loaded files.
     """
 
     before: tuple[Table, ...] = ()
@@ -34,7 +34,6 @@ class Standing:
 
     @property
     def staying(self) -> tuple[Table, ...]:
-        """Return the active tables after loading that the new files did not write."""
         written = {table.identity for table in self.new}
         return tuple(
             table
@@ -43,8 +42,8 @@ class Standing:
         )
 
     def lost(self) -> tuple[Table, ...]:
-        """Return the earlier tables whose function no table corrects any more, or corrects in
-        another way although the new files do not name it.
+        """Return the earlier tables whose function no table corrects after loading, or whose
+        function is corrected differently although the new files do not contain it.
         """
         named, held = {table.name for table in self.new if table.value_um.any()}, self.staying
         return tuple(
@@ -57,10 +56,10 @@ class Standing:
         self, result: Result, profile: Profile
     ) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
         """Return the tables whose effect on the error of a result must be predicted, and the tables
-        active during its measurement.
+        that were active during the measurement.
 
-        An old table that stays on a machine measured without it counts if the result identifies its
-        function.
+        If the machine was measured without compensation, an old table that stays is included if the
+        result identifies its function.
         """
         if profile.machine.measured_with == "on":
             return self.after, self.before
@@ -69,7 +68,7 @@ class Standing:
 
 
 def identifies(result: Result, table: Table) -> bool:
-    """Return whether a result identifies every part of a table: its function, the slope in the
+    """Return whether a result identifies every part of a table: its function, the slope of its
     function, and the angle of a product.
     """
     if table.multiplier is not None:
@@ -81,17 +80,17 @@ def identifies(result: Result, table: Table) -> bool:
 
 
 def acts_with(one: Table, other: Table) -> bool:
-    """Return whether ``one`` acts together with ``other``: on the same output axis, and for each
-    position of the axes by which ``other`` moves.
+    """Return whether ``one`` and ``other`` move the same output axis, and ``one`` moves with all
+    axes with which ``other`` moves.
 
-    A product acts together with the curves of both of its axes, and products of the same two axes
-    count together, in any place: a new product may do the work of an old product.
+    So a product acts together with the curves of both of its axes. Two products of the same axes
+    also act together, because a new product may replace the correction of an old product in another
+    place.
     """
     return one.output_axis == other.output_axis and _axes(other) <= _axes(one)
 
 
 def _axes(table: Table) -> set[str]:
-    """Return the axes whose positions set the movement by a table: one, or two for a product."""
     lever = table.multiplier
     return {table.input_axis} if lever is None else {table.input_axis, lever.axis}
 
@@ -99,11 +98,10 @@ def _axes(table: Table) -> set[str]:
 def standing_findings(
     standing: Standing, result: Result, profile: Profile
 ) -> Iterator[Finding]:
-    """Yield an error for every old table that would act unexpectedly, or would unexpectedly stop
-    acting.
+    """Yield an error for every old table that would act, or stop acting, unexpectedly.
 
-    A warning for a new table without a slope, or with less reach, that replaces an old table with
-    more.
+    Yield a warning if a new table has no slope, or covers less travel than the old table that it
+    replaces.
     """
     asked, off = set(profile.machine.functions), profile.machine.measured_with == "off"
     named = {
@@ -113,7 +111,7 @@ def standing_findings(
     }
     for table in standing.staying:
         if not _stands(table, standing.before):
-            # before, the old table multiplied another table, or had other numbers
+            # Before loading, the old table multiplied another table, or had other numbers.
             yield error("old-table-left-active.part-left", label=table.label)
         elif table.name in named:
             yield error(
@@ -122,8 +120,7 @@ def standing_findings(
         elif table.multiplier is not None and off and not identifies(result, table):
             yield from _twice(table, standing.new)
     for table in standing.lost():
-        # a lost product that the result identifies was compared with other products: the prediction
-        # judges the effect of its loss
+        # The prediction contains the effect of a lost product that the result identifies.
         unseen = table.multiplier is None or (off and not identifies(result, table))
         if table.name not in asked and unseen:
             yield error("old-table-lost", label=table.label)
@@ -142,8 +139,8 @@ def standing_findings(
 
 
 def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
-    """Yield an error where an old product that was off during the measurement stays active beside a
-    new curve: the curve also contains its part.
+    """Yield an error if an old product that was off during the measurement stays active beside a
+    new curve, because the curve also contains a part of its correction.
     """
     for table in new:
         if table.multiplier is None and acts_with(product, table) and table.value_um.any():
@@ -154,8 +151,9 @@ def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
 
 
 def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterator[Finding]:
-    """Yield a warning where old tables reach further than the new ones of the same function and are
-    not flat there."""
+    """Yield a warning if old tables cover more travel than the new tables of the same function and
+    are not flat there.
+    """
     first = min(float(each.position_mm[0]) for each in new if each.name == table.name)
     last = max(float(each.position_mm[-1]) for each in new if each.name == table.name)
     for each in old:
@@ -176,8 +174,8 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
 
 
 def slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
-    """Yield a warning where old tables contain a slope along the positions of a table, which the
-    result does not identify.
+    """Yield a warning if old tables contain a slope along the positions of a table, and the result
+    does not identify this slope.
     """
     ends = table.position_mm[[0, -1]]
     rise_um = sum(
@@ -188,7 +186,6 @@ def slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
 
 
 def _stands(table: Table, among: Iterable[Table]) -> bool:
-    """Return whether a table stands among others, in its place and with its numbers."""
     return any(
         each.identity == table.identity
         and np.array_equal(each.position_mm, table.position_mm)
@@ -199,8 +196,8 @@ def _stands(table: Table, among: Iterable[Table]) -> bool:
 
 
 def unchanged(now: Iterable[Table], then: Iterable[Table]) -> bool:
-    """Return whether tables move an axis like other tables, within one unit and except for an
-    origin, at the points of the present tables.
+    """Return whether the present tables move an axis as the earlier tables did, within one unit and
+    except for an origin, at the points of the present tables.
     """
     every, rest = list(now), list(then)
     at = np.unique(np.concatenate([table.position_mm for table in every]))

@@ -1,32 +1,34 @@
-"""Theory of operation: the test whether the compensation was on while the machine was measured. The
-data decide together with the statement of the survey file.
+"""The test whether the compensation was on during the measurement. The test compares the result
+with the statement of the survey file.
 
-An old table of a function was made from an error e, and may have k times the right size today. The
-survey's finding for this function is
+An old table of a function was made from an error e, and may have k times the right size today. For
+this function the survey measures
 
     measured = e (1 +- CHANGED)                 compensation off
     measured = e (1 +- CHANGED) - k e           compensation on
 
 so the share a = <measured, old> / <old, old>, with old = k e, is 1 / k for "off" and 1 / k - 1 for
-"on". k is near 1, log normal (`SIZES`, a common k for all tables of a kind), and the share has an
-uncertainty of its own from that of the result. The odds of "on" against "off" are the ratio of the
+"on". k is log-normal around 1 (`SIZES`), with one k for all tables of a kind. The uncertainty of
+the result gives an uncertainty of the share. The odds of "on" against "off" are the ratio of the
 likelihoods of all shares of a kind, integrated over k.
 
-A table of another machine, or from before a repair, has any share (`ALIEN`), and a function unlike
-its own: the rest of the function beside the share exceeds CHANGED of e, which is evidence against
-both states. With the odds `ALIEN_ODDS` all tables of a kind come from such a source: this third
-explanation takes the odds away if neither of the two states fits. With the probability `ALIEN_ODDS`
-a single table does, whatever the state: a single repaired function is no evidence about the others.
+A table of another machine, or from before a repair, has any share (`ALIEN`), and its function has
+another shape: the part of the function beside the share exceeds CHANGED of e, which is evidence
+against both states. All tables of a kind come from such a source with the odds `ALIEN_ODDS`; this
+third explanation is the likeliest if neither state fits. A single table comes from such a source
+with the probability `ALIEN_ODDS` in either state, so a single repaired function is no evidence
+about all others.
 
-If a single table among several fits the other state, for the size shown by the others, its switch
-was forgotten: a question names this table.
+If a single table among several fits the other state, for the size of the other tables, its switch
+was probably forgotten. A finding names this table.
 
-A statement with odds of `CERTAIN` against it is refused; a statement with odds of `CERTAIN` for it
-counts as shown by the data. Between the two the data do not decide: a table that is off and has
-twice the right size (k = 2) shows the share 1/2, as does a table that is on and has two thirds of
-it (k = 2/3). With odds of `DOUBTED` against it, and for a single table in the other state, a person
-is asked; in any case the prediction is a promise only after a proof run. Functions are judged by
-kind of table, so that a single forgotten switch can be found.
+A statement with odds of `CERTAIN` against it is refused. A statement with odds of `CERTAIN` for it
+counts as confirmed by the data. Between these odds the data do not decide: a table that is off and
+has twice the right size (k = 2) shows the share 1/2, and so does a table that is on and has two
+thirds of the right size (k = 2/3). With odds of `DOUBTED` against a statement, and for a single
+table in the other state, a person is asked. Without a confirmed statement, the prediction is valid
+only after a proof run. Functions are judged by kind of table, so that a single forgotten switch can
+be found.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -49,32 +51,27 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, summed_um
 
 SIZES = 0.25
-"""Standard deviation of the logarithm of k: old tables of 0.7 to 1.4 of the right size are
-ordinary."""
+"""Standard deviation of the logarithm of k: ordinary old tables have 0.7 to 1.4 of the right
+size.
+"""
 CHANGED = 0.15
-"""Change of a function between the survey of an old table and today's, as a share of the
+"""Change of a function from the survey of an old table to the present survey, as a share of the
 function.
 """
 SEEN = 0.3
-"""A share less certain than this is no evidence: the old table is no larger than the survey's
-uncertainty.
+"""Largest standard uncertainty of a share that is evidence. With a larger uncertainty, the old
+table is no larger than the uncertainty of the survey.
 """
 CERTAIN, DOUBTED = 20.0, 4.0
-"""Odds that decide, as for the name of a cause; and odds against a statement above which a person
-is asked.
-"""
+"""Odds that decide, and odds against a statement above which a person is asked."""
 FEWEST_BESIDE = 2
-"""Number of other tables of a kind that must show the size before one of them is judged by
-itself.
-"""
+"""Number of other tables of a kind that must show the size before a single table is judged."""
 CONTRADICTED: Final = "compensation-contradicted"
 UNPROVEN: Final = "compensation-contradicted.unproven"
-"""The code of every sentence about the state, and the key of the finding that only a proof run
-decides.
-"""
+"""Code of all findings about the state, and key of the finding that requires a proof run."""
 ALIEN, ALIEN_ODDS = 1.0, 0.1
 """Standard deviation of the share of a table from another source, and the odds of such a table
-relative to a state.
+relative to one of the states.
 """
 _LOG_K = np.linspace(-1.0, 1.0, 81)
 
@@ -84,8 +81,8 @@ class Share:
     """Share of an old table of a function in the survey: 1 for an inactive table, 0 for a right
     active table.
 
-    ``rest`` is the part of the function outside the table, as a share of the table; 0 for a
-    squareness, which is a single number.
+    ``rest`` is the part of the function with another shape than the table, as a share of the table;
+    0 for a squareness, which is a single number.
     """
 
     name: str
@@ -108,13 +105,13 @@ class Judged:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the functions."""
         return tuple(share.name for share in self.shares)
 
 
 def shares(result: Result, tables: Sequence[Table]) -> list[Share]:
-    """Return the share of every function, and of every squareness, whose old tables are large
-    enough to be seen in a result."""
+    """Return the share of every function and every squareness whose old tables are large enough to
+    be visible in a result.
+    """
     old = [table for table in tables if table.multiplier is None and table.value_um.any()]
     named = {
         name: [table for table in old if table.name == name]
@@ -130,8 +127,8 @@ def shares(result: Result, tables: Sequence[Table]) -> list[Share]:
 
 
 def _of_function(function: Function, name: str, tables: Sequence[Table]) -> Share | None:
-    """Return the share of the old tables of a function; for a straightness, without its slope,
-    which depends on the directions of the axes.
+    """Return the share of the old tables of a function. A straightness is compared without its
+    slope, which depends on the directions of the axes.
     """
     if function.value is None or function.u is None or len(function.value) < 2:
         return None
@@ -152,8 +149,6 @@ def _of_function(function: Function, name: str, tables: Sequence[Table]) -> Shar
 def _of_squareness(
     result: Result, name: str, named: Mapping[str, Sequence[Table]]
 ) -> Share | None:
-    """Return the share of a squareness within the slopes of the old tables of its two
-    straightnesses."""
     found = result.squareness.get(name)
     tables = [
         table for function in SQUARENESS_SLOPE[name] for table in named.get(function, ())
@@ -187,8 +182,8 @@ def _of_squareness(
 
 
 def _lines_urad(result: Result, name: str) -> tuple[float, float]:
-    """Return the turn of the best lines of both straightnesses of a squareness with its standard
-    uncertainty: a control with one slope for each pair holds these lines.
+    """Return the rotation of the best lines of both straightnesses of a squareness, with its
+    standard uncertainty. A control with one slope per pair of axes stores these lines.
     """
     turned, variance = 0.0, 0.0
     for function, sign in SQUARENESS_SLOPE[name].items():
@@ -209,13 +204,11 @@ def _seen(
 
 
 def _error_um(tables: Sequence[Table], at: Vector) -> Vector:
-    """Return the error that tables correct, mean of both directions of travel."""
     error: Vector = -(summed_um(tables, at, +1) + summed_um(tables, at, -1)) / 2
     return error
 
 
 def judged(found: Sequence[Share]) -> list[Judged]:
-    """Return the odds by kind of table."""
     kinds = dict.fromkeys(share.kind for share in found)
     return [_group(kind, [share for share in found if share.kind == kind]) for kind in kinds]
 
@@ -241,7 +234,6 @@ def _group(kind: str, members: Sequence[Share]) -> Judged:
 
 
 def _log_likelihood(members: Sequence[Share], *, acted: bool) -> float:
-    """Return the logarithm of the likelihood of shares, integrated over the size of the tables."""
     return float(
         np.logaddexp.reduce(_log_sizes(members, acted=acted))
         - np.logaddexp.reduce(_log_sizes((), acted=acted))
@@ -260,9 +252,6 @@ def _log_sizes(members: Sequence[Share], *, acted: bool) -> Vector:
 
 
 def _log_fit(share: Share, *, acted: bool) -> Vector:
-    """Return the logarithm of the likelihood of a share of this function, for each size of
-    `_LOG_K`.
-    """
     whole = np.exp(-_LOG_K)
     u = np.hypot(share.u, CHANGED * whole)
     unlike = np.maximum((share.rest / u) ** 2 - 1.0, 0.0)
@@ -272,11 +261,11 @@ def _log_fit(share: Share, *, acted: bool) -> Vector:
 
 
 def apart(group: Judged, *, acted: bool, least: float) -> list[str]:
-    """Return the tables of a group, a minority, that were in the other state than ``acted`` while
-    all the others show ``acted``.
+    """Return the tables of a group that were in the other state than ``acted`` although all the
+    others were in the state ``acted``. The list contains a minority of the group.
 
-    The others show the size of the tables; the state of a single table is compared for this size,
-    and its other state has odds of more than ``least``. A table that fits neither state comes from
+    The other tables show the size, for which the state of a single table is compared. The other
+    state of a returned table has odds above ``least``. A table that fits neither state comes from
     another source. A squareness has no switch of its own.
     """
     found = []
@@ -298,8 +287,8 @@ def apart(group: Judged, *, acted: bool, least: float) -> list[str]:
 
 
 def states(result: Result, controller: Controller, profile: Profile) -> Iterator[Finding]:
-    """Yield the findings of the data about the statement on the machine's own tables: the active
-    tables, and the tables that were switched off while others were active (`state_findings`).
+    """Yield the findings of the data about the statement, for the active tables and for tables that
+    were off while other tables were active (`state_findings`).
     """
     acting = controller.standing(profile.existing, (), profile) if profile.existing else ()
     yield from state_findings(result, acting, profile.machine.measured_with)
@@ -312,10 +301,12 @@ def states(result: Result, controller: Controller, profile: Profile) -> Iterator
 
 
 def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iterator[Finding]:
-    """Yield, for each kind of table, the finding of the data about the statement on the
-    compensation ("on" or "off"): an error where the data contradict it, a warning where they make
-    it doubtful or show a single table in the other state, and the warning `UNPROVEN` where they do
-    not confirm it.
+    """Yield, for each kind of table, the finding of the data about the ``stated`` compensation
+    ("on" or "off").
+
+    The finding is an error if the data contradict the statement. The finding is a warning if the
+    data make the statement doubtful, or show a single table in the other state. The finding is the
+    warning `UNPROVEN` if the data do not confirm the statement.
     """
     for group in judged(shares(result, tables)):
         each = [
@@ -347,14 +338,13 @@ def _key(
     "compensation-contradicted.doubted",
     "compensation-contradicted.unproven",
 ]:
-    """Return the key of the sentence for the odds against a statement."""
     if against > CERTAIN:
         return CONTRADICTED
     return "compensation-contradicted.doubted" if against > DOUBTED else UNPROVEN
 
 
 def proof_needed(findings: Iterable[Finding]) -> bool:
-    """Return whether the data leave open which tables were active during the measurement: then a
-    proof run decides, and no figure of the prediction is a promise before it.
+    """Return whether the data leave open which tables were active during the measurement. In this
+    case a proof run decides, and the prediction is not valid before the proof run.
     """
     return any(each.code == CONTRADICTED for each in findings)

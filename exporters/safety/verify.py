@@ -1,9 +1,10 @@
-"""Effect of the files: they are parsed as written, applied by the control's law, and compared with
-the error field of the result.
+"""The effect of files on the error of a machine. The files are parsed as written and applied by the
+control's law.
 
-The field comes from the solver's rigid-body model with its Abbe arms; the correction comes only
-from the bytes of the files. Statistics are given twice: counted from the low corner of the volume,
-and without the best fitting rigid motion, which depends on the place of the workpiece.
+The error field comes from the solver's rigid-body model with its Abbe arms; the correction comes
+only from the bytes of the files. Each statistic is given in two forms: relative to the low corner
+of the volume, and without the best fitting rigid motion, which depends on the place of the
+workpiece.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -48,8 +49,8 @@ Correction = Callable[[Vector], Vector]
 """A function from commanded points (N, 3) in mm to the correction there in um."""
 STRETCH: Final = "stretch-worse"
 CLEARLY = 1.02
-"""Ratio of the error after to the error before above which the files make the machine worse:
-smaller increases are within the prediction.
+"""Ratio of the error after loading to the error before, above which the files make the machine
+worse. Smaller increases are within the uncertainty of the prediction.
 """
 ROUNDING_UM = 0.3
 """Largest increase of the rms of an error by the rounding of tables in units of 1 um."""
@@ -66,7 +67,6 @@ class Figures:
 
     @classmethod
     def of(cls, errors_um: Vector) -> "Figures":
-        """Return the figures of error vectors, shape (N, 3)."""
         length = np.linalg.norm(errors_um, axis=1)
         return cls(
             largest_um=float(np.max(length)), rms_um=float(np.sqrt(np.mean(length**2)))
@@ -84,36 +84,30 @@ class Effect:
     after_um: Vector
 
     def errors_um(self, *, rigid_motion: bool) -> tuple[Vector, Vector]:
-        """Return the error vectors before and after, with or without the rigid motion of the whole
-        volume."""
         if rigid_motion:
             return self.before_um, self.after_um
         return self.rest_um(self.before_um), self.rest_um(self.after_um)
 
     def rest_um(self, errors_um: Vector) -> Vector:
-        """Return errors at the points without the rigid motion that fits them best."""
         return without_rigid_motion(self.volume, self.points_mm, errors_um)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """The effect ``anywhere`` in the volume, to which every figure and every refusal refers, and at
-    the points that are ``drawn``.
+    """The predicted effect of files ``anywhere`` in the volume, which all figures and refusals use,
+    and at the points that are ``drawn``.
     """
 
     anywhere: Effect
     drawn: Effect
     predicted: Predicted
-    """The figures of contract 4, as intervals."""
+    """The predicted error before and after compensation, as intervals."""
 
     @property
     def volume(self) -> Volume:
-        """Return the measured volume."""
         return self.anywhere.volume
 
     def figures(self, *, rigid_motion: bool) -> tuple[Figures, Figures]:
-        """Return the figures before and after, with or without the rigid motion of the whole
-        volume."""
         before, after = self.anywhere.errors_um(rigid_motion=rigid_motion)
         return Figures.of(before), Figures.of(after)
 
@@ -147,11 +141,11 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verification:
-    """Contents of the files and their effect; ``assumed``: axis names and references were assumed
-    (no profile).
+    """Contents of files and their effect. ``assumed`` is true if there is no profile, so axis names
+    and references are assumed.
 
-    ``judgements`` has an entry per table and per function without a table, ``findings`` the
-    violations of the limits of control and profile.
+    ``judgements`` has an entry per table and per function without a table. ``findings`` contains
+    the violations of the limits of control and profile.
     """
 
     controller: str
@@ -175,8 +169,8 @@ class Verification:
 
     @property
     def verdict(self) -> Literal["right", "wrong", "undecided"]:
-        """Return the verdict on all files: right files whose old tables may have had another state
-        than stated are undecided until a proof run.
+        """Return the verdict on all files. Right files are undecided until a proof run, if their
+        old tables may have had another state than stated.
         """
         if not self.right:
             return "wrong"
@@ -189,11 +183,11 @@ def predict(
     replaced: Sequence[Table] = (),
     nodes: int = NODES,
 ) -> Prediction:
-    """Return the effect of ``tables`` on the error field of the result, mean of both directions of
-    travel.
+    """Return the effect of ``tables`` on the error field of the result, as mean of both directions
+    of travel.
 
-    ``replaced`` are tables that were active during the measurement and are replaced by the new
-    tables.
+    ``replaced`` contains the tables that were active during the measurement and that the new tables
+    replace.
     """
     return predict_moved(
         result,
@@ -205,11 +199,10 @@ def predict(
 
 
 def _steps_unseen(volume: Volume, replaced: Sequence[Table]) -> Correction | None:
-    """Return the effect of the steps of tables that were active during the measurement between the
-    targets, where the survey did not see them.
+    """Return the effect between the targets of the steps of tables that were active during the
+    measurement; None without steps.
 
-    The survey's straight lines from target to target contain the steps only at the targets; None if
-    no table has steps.
+    The survey joins its targets by straight lines, which contain the steps only at the targets.
     """
     stepped = [table for table in replaced if table.law.between == "stepped"]
     if not stepped:
@@ -235,14 +228,13 @@ def predict_moved(
     nodes: int = NODES,
     unseen: Correction | None = None,
 ) -> Prediction:
-    """Return the effect of a correction that is no sum of tables, such as a lattice; ``replaced``
-    was active during the measurement.
+    """Return the effect of a correction that is no sum of tables, such as a lattice. ``replaced``
+    was active during the measurement. ``unseen`` is the known movement of ``replaced`` between the
+    targets.
 
-    In this case ``unseen`` is the known movement between the targets.
-
-    The errors are drawn on a grid. Promises and refusals hold for a tool anywhere in the volume,
-    like the result's own prediction: many points of a grid lie on the faces, where straightness is
-    zero by definition, so its mean square is up to a tenth too small.
+    Only the picture uses a grid. Predictions and refusals are valid for a tool anywhere in the
+    volume. Many points of a grid are on the faces, where straightness is zero by definition, so the
+    mean square over a grid is up to a tenth too small.
     """
 
     def added(points_mm: Vector) -> Vector:
@@ -276,12 +268,12 @@ def verify_files(
     profile: Profile | None = None,
     nodes: int = NODES,
 ) -> Verification:
-    """Return the identity of a controller's files, recognised by their contents, and their effect
-    on the machine of the result.
+    """Return the control and the effect of files on the machine of the result. The control is
+    recognised by the contents of the files.
 
     Without a profile the axes are AX1 AX2 AX3. Raises ``DataError`` for files that are unknown,
     mixed or damaged, ``SafetyError`` if profile and result disagree about the active compensation,
-    ``UsageError`` if a profile has to state it.
+    ``UsageError`` if a profile must state it.
     """
     if stated_in(result).state == "on" and profile is None:
         expected = message("profile-machine-compensation-was")
@@ -322,9 +314,6 @@ def verify_files(
 def acting_in(
     result: Result, controller: Controller, files: Sequence[ControlFile], profile: Profile
 ) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
-    """Return the active tables after loading the files, and the tables active during the
-    measurement of the result.
-    """
     return contents(controller, files, profile).acting(result, profile)
 
 
@@ -371,8 +360,8 @@ def worse_findings(
 
 
 def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
-    """Yield a warning for each stretch of an axis in which, by the prediction, the files make the
-    machine worse although they improve the whole, and for functions that are unknown between the
+    """Yield a warning for each stretch of an axis that the files are predicted to make worse
+    although they improve the whole volume, and for functions that are unknown between the
     targets.
     """
     effect = prediction.anywhere
@@ -400,9 +389,6 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
 def _of_lattice(
     result: Result, held: Lattice, profile: Profile | None, nodes: int
 ) -> Verification:
-    """Return the identity of a lattice, function by function, in place of the active lattice of the
-    profile.
-    """
     on = profile is not None and profile.machine.measured_with == "on"
     active = (
         lattice.parse(lattice.the_one_in(profile.existing, profile.source))
@@ -427,8 +413,8 @@ def _of_lattice(
 
 
 def controller_for(files: Sequence[ControlFile]) -> Controller:
-    """Return the control for which the profile of files is written; a lattice alone belongs to
-    LinuxCNC's kinematics component.
+    """Return the control for which the profile of files is written. A lattice alone belongs to the
+    kinematics component of LinuxCNC.
     """
     return (
         LinuxCnc()
@@ -438,7 +424,9 @@ def controller_for(files: Sequence[ControlFile]) -> Controller:
 
 
 def controller_of(files: Sequence[ControlFile]) -> Controller:
-    """Return the one controller whose format all files have. Raises ``DataError``."""
+    """Return the controller whose format all files have. Raises ``DataError`` for files of no or
+    several controllers.
+    """
     named: dict[str, str] = {}
     for file in files:
         names = [

@@ -3,9 +3,9 @@ pair of input and output axis.
 
 Function manual K3 pp. 243-264: a table has absolute values over the SETPOINT of the base axis,
 linear between points, with the end values outside, optionally for one direction of travel of the
-base axis; several tables on one output axis add up. The manual does not state the sense; a
-builder's production program shows that a positive value moves the output axis in - (controllers.md
-3.2): ``as-error``, to be proven by a sign test.
+base axis. Several tables on one output axis add up. The manual does not state the sense. A
+production program of a machine builder shows that a positive value moves the output axis in -
+(controllers.md 3.2), so the sense is ``as-error`` and a sign test must confirm it.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,9 @@ from stepdiag.exporters.tables.tables import Law, Sense, Table
 
 KIND = "cec"
 TIMES = "times table"
-"""Key, in the place of a multiplied table, for the index of the multiplying table."""
+"""Key in ``Table.place`` of a multiplied table, with the index of the multiplying table as
+value.
+"""
 _AXES = ("AN_CEC_INPUT_AXIS", "AN_CEC_OUTPUT_AXIS")
 _GRID = ("AN_CEC_STEP", "AN_CEC_MIN", "AN_CEC_MAX")
 _MODES = ("AN_CEC_DIRECTION", "AN_CEC_MULT_BY_TABLE", "AN_CEC_IS_MODULO")
@@ -29,7 +31,6 @@ _TOLERATED = ("AN_CEC_INPUT_NCU", "AN_CEC_OUTPUT_NCU", "AN_CEC_TYPE")
 
 
 def law(sense: Sense) -> Law:
-    """Return the law of a CEC table in the sense of the profile."""
     return Law(sense=sense)
 
 
@@ -50,10 +51,10 @@ def assignments(table: Table, profile: Profile, decimals: int, points: int) -> l
 
 
 def read_tables(file: ControlFile, profile: Profile, sense: Sense) -> tuple[Table, ...]:
-    """Return the CEC tables of a file as the control numbers them: a multiplied and a multiplying
+    """Return the CEC tables of a file as the control numbers them. A multiplied and a multiplying
     table are two tables.
 
-    Raises ``DataError`` with file and line, ``UsageError`` for a foreign axis.
+    Raises ``DataError`` with file and line, ``UsageError`` for an unknown axis.
     """
     values: dict[str, dict[int, Assignment]] = {}
     heads: dict[str, dict[str, Assignment]] = {}
@@ -114,9 +115,6 @@ def _cec_table(
 
 
 def _times(item: Assignment | None) -> dict[str, int]:
-    """Return the index of the table that multiplies a table, from the number in the file; empty for
-    the number 0.
-    """
     number = 0 if item is None else whole(item.value, item.where)
     if item is not None and number < 0:
         raise DataError(item.where, expected=message("table-number"), found=item.value)

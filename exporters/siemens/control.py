@@ -1,9 +1,9 @@
 """SINUMERIK 840D, 840D sl, 828D and ONE: EEC tables for the positioning errors, CEC tables for
 straightness with squareness.
 
-A curve with a correction for each direction of travel needs two CEC tables with DIRECTION 1 and -1,
-also for a positioning error (K3 p. 264: the same axis as base and compensated axis). `siemens.eec`
-and `siemens.cec` describe the formats.
+A curve with a correction for each direction of travel needs two CEC tables with DIRECTION 1 and -1.
+A positioning error with two directions also needs two CEC tables (K3 p. 264: the same axis as base
+and compensated axis).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,16 +37,12 @@ from stepdiag.exporters.tables.sampling import absolute_tables, is_directional
 from stepdiag.exporters.tables.tables import Sense, Table, plain_rows, zeroed
 
 Size = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
-"""Type of a number of points or of a table number: the bound is far above the limits of the machine
+"""Type of a number of points or of a table number. Its bound is far above the limits of the machine
 data.
 """
 
 
 class SiemensOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The section ``[siemens]`` of a profile: measuring system, sizes of the tables in the control,
-    numbers of the CEC tables.
-    """
-
     measuring_system: Annotated[int, msgspec.Meta(ge=1, le=2)]
     eec_points: dict[str, Size] = {}
     cec_points: Size | None = None
@@ -97,8 +93,6 @@ measuring_system = "?"
 
 @dataclass(frozen=True, slots=True)
 class Siemens:
-    """The SINUMERIK controls in the form of `exporters.tables.controller.Controller`."""
-
     name: str = "siemens"
     title: str = "Siemens SINUMERIK 840D, 840D sl, 828D, ONE (EEC and CEC)"
     kinds: tuple[str, ...] = (eec.KIND, cec.KIND, KIND)
@@ -106,14 +100,11 @@ class Siemens:
     options_template: str = _TEMPLATE
 
     def quick_options(self) -> SiemensOptions:
-        """Return the options of a provisional export: the first measuring system, and CEC tables
-        from index 0.
-        """
         return SiemensOptions(measuring_system=1)
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return the limits of a table by the profile: the points (MD38000, MD18342), the number of
-        CEC tables, and the largest slope (MD32730).
+        """Return the limits of a table by the profile: points (MD38000, MD18342), number of CEC
+        tables, and largest slope (MD32730).
         """
         options = profile.options_as(SiemensOptions)
         if table.kind == eec.KIND:
@@ -128,15 +119,12 @@ class Siemens:
         )
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return EEC tables for positioning errors and CEC tables, numbered in order, for the other
-        curves.
-        """
         return self._numbered_plan(curves, (), profile, ())
 
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the tables of the curves and then of the products: the most valuable ones for
+        """Return the tables of the curves, and then of the products with the largest effect for
         which the control has tables.
         """
         options = profile.options_as(SiemensOptions)
@@ -194,9 +182,6 @@ class Siemens:
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return ``AX_EEC.INI`` and ``NC_CEC.INI`` with the part programs ``LOAD_EEC.MPF`` and
-        ``LOAD_CEC.MPF`` that write the same values.
-        """
         options = profile.options_as(SiemensOptions)
         acted, held = profile.machine.measured_with == "on", restore.held_lines(profile)
         eec_loads = [
@@ -241,8 +226,8 @@ class Siemens:
         return tuple(files)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables in data files and part programs; a table that is in two files must have
-        equal values in both.
+        """Return the tables in data files and part programs. A table that is in two files must have
+        equal values in both files.
         """
         found: dict[tuple[str, str], tuple[Table, str]] = {}
         for file in files:
@@ -271,12 +256,13 @@ class Siemens:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the tables that are active after loading: the EEC of each axis for the measuring
-        system in use, and the CEC tables by number, with products as the control links them.
+        """Return the tables that are active after loading: the EEC table of each axis for the
+        measuring system in use, and the CEC tables by number, with linked tables as products.
 
         If a multiplied table is overwritten, its multiplying table stays and acts by itself. If
-        tables were active during the measurement, they are those whose switch is on in the own
-        files. Loading switches on the tables that it writes, and the output axis of a CEC table.
+        tables were active during the measurement, these are the tables whose switch is on in the
+        own files. Loading switches on the tables that it writes, and the CEC of their output
+        axes.
         """
         held: dict[tuple[str, str], Table] = {}
         written: set[tuple[str, str]] = set()
@@ -335,17 +321,13 @@ class Siemens:
         )
 
     def _numbered_in(self, file: ControlFile, profile: Profile) -> tuple[Table, ...]:
-        """Return the tables of a file as the control numbers them; multiplying tables are separate
-        tables.
-        """
         return eec.read_tables(file, profile) + cec.read_tables(
             file, profile, profile.options_as(SiemensOptions).cec_sense
         )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the restore files: the machine's own files, zeros for tables that these do not
-        contain, and part programs that load both and switch off the tables that the machine did not
-        have.
+        """Return the machine's own files, zeros for tables that these files lack, and part programs
+        that load both and switch off the tables that the machine did not have.
         """
         options = profile.options_as(SiemensOptions)
         of_screws = [table for table in tables if table.kind == eec.KIND]
@@ -365,31 +347,23 @@ class Siemens:
         return restore.restore_files(kinds, profile, metric_line=options.metric_line)
 
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the part program ``READ_BACK.MPF``, which writes out the tables."""
         return (read_back.program(tables, profile),)
 
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
-        """Return the values of MD32700, MD32710, SD41300 and SD41310 after the loading programs."""
         return read_back.switches(tables, profile)
 
     def held_switches(self, files: Sequence[ControlFile]) -> Mapping[str, str]:
-        """Return the values of MD32700, MD32710, SD41300 and SD41310 in files that were read out of
-        the control.
-        """
         return read_back.held_switches(files)
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file assigns EEC or CEC variables, unlike the program that only reads
-        these variables.
+        """Return whether the file assigns EEC or CEC variables. The part program ``READ_BACK.MPF``
+        only reads these variables.
         """
         return file.name != read_back.NAME and (
             b"$AA_ENC_COMP" in file.data or b"$AN_CEC" in file.data
         )
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return the rows of the report, one for each point, with the point numbers of the
-        control.
-        """
         if table.multiplier is None:
             return plain_rows(table)
         ends = zip(table.multiplier.position_mm, table.multiplier.value, strict=True)
@@ -447,18 +421,12 @@ class Siemens:
 
 
 def _seat(table: Table) -> tuple[str, str]:
-    """Return the key under which the control stores a table: measuring system and axis of an EEC,
-    the number of a CEC.
-    """
     if table.kind == eec.KIND:
         return eec.KIND, f"{table.place['measuring system']},{table.place['axis']}"
     return _numbered_seat(int(table.place["table"]))
 
 
 def _acts(table: Table, profile: Profile) -> bool:
-    """Return whether a table belongs to the measuring system in use (true for an assumed
-    profile).
-    """
     used = profile.options_as(SiemensOptions).measuring_system
     return profile.assumed or table.place.get("measuring system", used) == used
 
@@ -491,7 +459,6 @@ def _curve_tables(
 
 
 def _cec_tables(curve: Curve, profile: Profile) -> int:
-    """Return the number of CEC tables of a curve: none for a positioning error in an EEC table."""
     directional = is_directional(curve, profile)
     if directional:
         return 2
@@ -499,9 +466,6 @@ def _cec_tables(curve: Curve, profile: Profile) -> int:
 
 
 def _possible(products: Sequence[Product]) -> Iterator[Finding]:
-    """Yield the finding about the effect that products would have, if the profile excludes
-    products.
-    """
     worth = float(np.sqrt(sum(product.rms_um**2 for product in products)))
     if worth >= _WORTH_SAYING_UM:
         yield info("products-possible", worth_um=worth)
@@ -560,9 +524,6 @@ def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Findi
 
 
 def _require_full_effect(file: ControlFile, table: Table, profile: Profile) -> None:
-    """Raise ``DataError`` for a table that the part program in its file switches off or weights; a
-    table of zeros may be off.
-    """
     if not is_program(file) or not table.value_um.any():
         return
     if table.kind == eec.KIND:

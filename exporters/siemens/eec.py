@@ -2,8 +2,8 @@
 measuring system.
 
 Function manual K3 (6FC5397-1BP40-3BA1) pp. 237-242: a table has absolute values, linear between
-points, with the end values outside; "a positive compensation value causes the corresponding machine
-axis to move in the negative direction", so its values are the error itself.
+points, with the end values outside. "A positive compensation value causes the corresponding machine
+axis to move in the negative direction", so a value is the error itself.
 """
 
 from stepdiag.base.errors import DataError
@@ -36,7 +36,8 @@ def assignments(table: Table, decimals: int, points: int) -> list[str]:
 
 def read_tables(file: ControlFile, profile: Profile) -> tuple[Table, ...]:
     """Return the EEC tables of a file. Raises ``DataError`` with file and line, ``UsageError`` for
-    a foreign axis."""
+    an unknown axis.
+    """
     values: dict[tuple[str, str], dict[int, Assignment]] = {}
     heads: dict[tuple[str, str], dict[str, Assignment]] = {}
     for item in read_assignments(file):

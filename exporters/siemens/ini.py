@@ -1,10 +1,10 @@
-"""The text of SINUMERIK data files: assignments of system variables, in the form that archives and
-services read and write.
+"""The text of SINUMERIK data files: assignments of system variables.
 
-A data file is ``%_N_<name>_INI``, an optional ``METRIC``, ``CHANDATA(1)``, assignments, ``M17``
-(controllers.md 3.1, 3.2: manual samples and a production archive, which has no ``%`` line and
-starts with ``METRIC``). Comments begin with ``;``. A part program contains the same assignments
-among statements; this module skips its loops, which set surplus points to zero.
+A data file contains ``%_N_<name>_INI``, an optional ``METRIC``, ``CHANDATA(1)``, assignments and
+``M17`` (controllers.md 3.1, 3.2: samples in manuals, and a production archive, which has no ``%``
+line and starts with ``METRIC``). Comments begin with ``;``. A part program contains the same
+assignments among statements. The reader skips the loops of a part program, which set surplus points
+to zero.
 """
 
 import re
@@ -40,24 +40,18 @@ class Assignment:
     where: str
 
     def number(self) -> float:
-        """Return the value as a finite number. Raises ``DataError`` for any other value."""
         return finite(self.value, self.where)
 
     def text(self) -> str:
-        """Return the text of the assignment in a file."""
         return f"${self.name}[{','.join(self.index)}]={self.value}"
 
     def axis(self) -> str:
-        """Return the value as an axis name, without the parentheses of the CEC variables."""
         return self.value.removeprefix("(").removesuffix(")")
 
 
 def data_file(
     name: str, groups: Sequence[Sequence[str]], notes: Sequence[str], *, metric_line: bool
 ) -> ControlFile:
-    """Return the file ``<name>.INI`` with the assignments of each table, and with ``notes`` as
-    comments at its head.
-    """
     head = [
         f"%_N_{name}_INI",
         *(f"; {note}" for note in notes),
@@ -137,8 +131,8 @@ def require_full_effect(
     """Raise ``DataError`` if a part program leaves a table switched off, or with a weight other
     than 1.
 
-    ``switches`` and ``weight`` are variables with their index, such as ``SN_CEC_TABLE_ENABLE[0]``;
-    the last assignment is valid.
+    ``switches`` and ``weight`` are variables with their index, such as ``SN_CEC_TABLE_ENABLE[0]``.
+    The last assignment of a variable is valid.
     """
     last: dict[str, tuple[str, str]] = {}
     for where, line in _assignment_lines(file):
@@ -165,9 +159,6 @@ def require_full_effect(
 
 
 def _assignment_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
-    """Yield the place and the text of every line with an assignment, without comments and the
-    bodies of loops.
-    """
     in_loop = False
     for where, raw in read_lines(file):
         line = raw.partition(";")[0].strip()
@@ -181,8 +172,8 @@ def grid_mm(start: float, step: float, end: float, written: int, where: str) -> 
     """Return the positions of a table in the control, from ``start`` to ``end``.
 
     A table from another program may end between two points (controllers.md 3.2, MAX 950 with STEP
-    100): the end is then the last position. Raises ``DataError`` for an impossible grid, or a grid
-    that needs more points than the ``written`` ones.
+    100). For such a table, ``end`` is the last position. Raises ``DataError`` for an impossible
+    grid, and for a grid with more points than ``written``.
     """
     if step <= 0 or end <= start:
         raise DataError(

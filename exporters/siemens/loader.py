@@ -1,7 +1,7 @@
 """Part programs that load SINUMERIK tables: they check the control, then switch the tables off,
 write them and switch them on (controllers.md 3.3).
 
-The pattern of NEWCONF and STOPRE is that of a builder's production program. No table is switched
+NEWCONF and STOPRE are used as in a production program of a machine builder. No table is switched
 off before all checks have passed, so a refusal does not change the machine.
 """
 
@@ -24,7 +24,7 @@ _REFUSALS = {
     "READ IT OUT",
 }
 _DIGIT_MM = 1e-5
-"""Largest difference of a value in mm that is caused by the digit that archives leave out."""
+"""Largest difference in mm between a value and its text in an archive, which leaves out a digit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,10 +32,10 @@ class Load:
     """One table to load: its assignments with the points first, whether the table becomes active,
     and its weight (CEC).
 
-    ``held`` are the assignments of this table in the machine's own files: the program writes only
-    if the control contains these values or already the new values. With None the program overwrites
-    any values. ``acted`` is true if the held table was active during the measurement, so that its
-    switch must be on and its weight 1.
+    ``held`` contains the assignments of this table in the machine's own files: the program writes
+    only if the control contains these values or already the new values. If ``held`` is None, the
+    program overwrites any values. ``acted`` is true if the old table was active during the
+    measurement, so that its switch must be on and its weight 1.
     """
 
     table: Table
@@ -47,7 +47,7 @@ class Load:
 
 
 def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
-    """Return the part program ``LOAD_EEC.MPF`` for EEC tables; a table that must not be active
+    """Return the part program ``LOAD_EEC.MPF`` for EEC tables. A table that must not be active
     stays switched off.
     """
     keys = [
@@ -81,8 +81,8 @@ def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
 
 
 def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -> ControlFile:
-    """Return the part program ``LOAD_CEC.MPF`` for CEC tables; a table that must not be active
-    stays switched off, and so does an axis without active tables.
+    """Return the part program ``LOAD_CEC.MPF`` for CEC tables. A table that must not be active
+    stays switched off, and so does the CEC of an axis without active tables.
     """
     tables = [load.table for load in loads]
     outputs = {
@@ -129,8 +129,8 @@ def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -
 
 def _known(variable: str, size: str, load: Load) -> list[str]:
     """Return the lines that end a program if the control contains neither the old nor the new
-    values. The lines compare a sum of the values, each times the number of its point, which also
-    changes if two values are exchanged.
+    values. The lines compare the sum of each value times its point number. This sum also changes if
+    two values are exchanged.
     """
     if load.held is None:
         return []
@@ -144,9 +144,6 @@ def _known(variable: str, size: str, load: Load) -> list[str]:
 
 
 def _acted(load: Load, *unlike: str) -> list[str]:
-    """Return the lines that end a program if a table that was active during the measurement is
-    inactive now.
-    """
     return [f"IF {state} GOTOF OTHER_TABLES" for state in unlike if load.acted and load.held]
 
 
@@ -160,19 +157,18 @@ def _weighed_mm(assignments: Sequence[str]) -> float:
 
 
 def _points(assignments: Sequence[str]) -> int:
-    """Return the number of assignments that state values of points."""
     return sum(line.startswith(_POINTS) for line in assignments)
 
 
 def _zero_surplus(variable: str, size: str, written: int) -> list[str]:
-    """Return the loop that sets the points after the end of the table to zero; else these would
-    keep their old values (K3, CAUTION).
+    """Return the loop that sets the points after the end of the table to zero. Without this loop,
+    these points would keep their old values (K3, CAUTION).
     """
     return [f"FOR POINT={written} TO {size}-1", f"{variable}=0", "ENDFOR"]
 
 
 def _largest_sums(tables: Sequence[Table], outputs: Mapping[str, str]) -> dict[str, float]:
-    """Return, by the name of the output axis, an upper bound in mm of the sum of all tables on this
+    """Return an upper bound in mm of the sum of all tables on an output axis, by the name of the
     axis.
     """
     return {

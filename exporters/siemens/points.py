@@ -27,10 +27,10 @@ class Points:
 
 
 def point_lines(table: Table, variable: str, decimals: int, points: int) -> list[str]:
-    """Return the assignments of all points in mm, with zeros up to ``points``; ``variable``
-    contains ``{}`` in place of the point's number.
+    """Return the assignments of all points in mm, with zeros up to ``points``. ``variable``
+    contains ``{}`` in place of the point number.
 
-    Points that are not written keep their old values (K3, CAUTION): the surplus points are written
+    Points that are not written keep their old values (K3, CAUTION), so surplus points are written
     as 0.
     """
     values = [float(value) / 1000 for value in table.value_um]
@@ -42,9 +42,6 @@ def point_lines(table: Table, variable: str, decimals: int, points: int) -> list
 
 
 def grid_lines(table: Table, variable: str, place: str) -> list[str]:
-    """Return the assignments of the grid of a table, with the index ``place``: step, first and last
-    position in mm.
-    """
     first, second, last = (float(table.position_mm[index]) for index in (0, 1, -1))
     named = (("STEP", second - first), ("MIN", first), ("MAX", last))
     return [f"${variable}_{name}[{place}]={shortest(value)}" for name, value in named]
@@ -84,9 +81,6 @@ def read_points(
 
 
 def _quantum_um(written: Mapping[int, Assignment]) -> float:
-    """Return the unit in um of the last decimal place in a file, at most the 0.1 um of four
-    decimals.
-    """
     decimals = max(
         (len(item.value.partition(".")[2]) for item in written.values()), default=4
     )

@@ -2,12 +2,12 @@
 with its lever.
 
 Function manual K3 (6FC5397-1BP40-3BA1): the product is added to the total compensation value of the
-output axis (p. 245), and ``$AN_CEC_MULT_BY_TABLE[t]`` holds the NUMBER, index + 1, of the table by
-which table t is multiplied (p. 249). In the example of p. 252 X1 moves only by the product of a
-tilt along X1 and a straight line along Z1: two linked tables apply their product, and neither table
-acts alone. The manual does not state this explicitly. So both tables get similar values of about a
-tenth of a millimetre, instead of an error and a factor of one. If a control adds the tables
-themselves, the sign test moves the axis by this amount, without damage, and reports it.
+output axis (p. 245). ``$AN_CEC_MULT_BY_TABLE[t]`` contains the NUMBER, index + 1, of the table that
+multiplies table t (p. 249). In the example of p. 252 X1 moves only by the product of a tilt along
+X1 and a straight line along Z1, so two linked tables apply only their product. The manual does not
+state this explicitly. So the multiplied and the multiplying table get values of about 0.1 mm,
+instead of an error and a factor of one. If a control adds the tables themselves, the sign test
+moves the axis by about 0.1 mm, without damage, and reports it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,11 +28,11 @@ from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
 KIND = "cec-product"
 LEVER_MM = 0.1
-"""Largest value of the multiplying table in mm; the values of the multiplied table are the movement
+"""Largest value of the multiplying table in mm. The values of the multiplied table are the movement
 divided by this value in mm.
 """
 _MOST = 12
-"""Largest number of products compared with each other: more than the useful angles of a machine
+"""Largest number of products that the selection compares: more than the useful angles of a machine
 with three axes.
 """
 
@@ -71,8 +71,8 @@ def product_table(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """The selection of curves and products for the tables of a control: names of the kept curves,
-    the kept products, and the names of the omitted parts.
+    """The selected curves and products for the tables of a control, and the names of the omitted
+    parts.
     """
 
     curves: tuple[str, ...]
@@ -86,13 +86,13 @@ def chosen(
     products: Sequence[Product],
     tables: int | None,
 ) -> Budget:
-    """Return the most valuable curves and products within ``tables`` CEC tables (None: without a
-    limit).
+    """Return the curves and products with the largest effect within ``tables`` CEC tables (None:
+    without a limit).
 
-    ``tables_of`` gives the number of CEC tables of each curve. A product needs one table, and a
-    second table for its lever, which products of the same lever and output axis share. The parts
-    are orthogonal, so the squares of the omitted parts add up: the selection with the smallest sum
-    of squares is used.
+    ``tables_of`` contains the number of CEC tables of each curve. A product needs one table, and a
+    second table for its lever. Products of the same lever and output axis share the second table.
+    The parts are orthogonal, so the squares of the omitted parts add up: the selection with the
+    smallest sum of squares is used.
     """
     given = [product for product in products[:_MOST] if product.rms_um > 0.0]
     worth = {curve.name: _rms_um(curve) for curve in curves if tables_of[curve.name]}
@@ -117,7 +117,6 @@ def chosen(
 
 
 def taken_by(products: Sequence[Product]) -> int:
-    """Return the number of tables that some products need, with those of their levers."""
     return len(products) + len(
         {(product.by_axis, product.output_axis) for product in products}
     )
@@ -126,8 +125,8 @@ def taken_by(products: Sequence[Product]) -> int:
 def _most_valuable(
     worth: Mapping[str, float], tables_of: Mapping[str, int], room: int | None
 ) -> tuple[str, ...] | None:
-    """Return the names of the curves that fit into ``room`` tables, chosen by their value for each
-    table; None if ``room`` is negative.
+    """Return the names of the curves that fit into ``room`` tables, by largest effect per table;
+    None if ``room`` is negative.
     """
     if room is None:
         return tuple(worth)
@@ -142,18 +141,18 @@ def _most_valuable(
 
 
 def _rms_um(curve: Curve) -> float:
-    """Return the error over the volume that omission of a curve would leave: the standard deviation
-    of the curve along its axis, in um.
+    """Return the rms error over the volume that omission of a curve would leave: the standard
+    deviation of the curve along its axis, in um.
     """
     at = np.linspace(curve.position_mm[0], curve.position_mm[-1], 201)
     return float(np.std(curve.at(at)))
 
 
 def numbered(tables: Sequence[Table]) -> list[Table]:
-    """Return the tables as the control numbers them: a product becomes two tables, of which the
-    multiplied one names the number of the multiplying one.
+    """Return the tables as the control numbers them. A product becomes two tables; the multiplied
+    table contains the number of the multiplying table.
 
-    A product whose multiplier is zero throughout, as restore files write it, has no multiplier.
+    A product whose multiplier is zero throughout, as in restore files, has no multiplying table.
     """
     found: list[Table] = []
     levers: dict[int, Table] = {}
@@ -176,7 +175,6 @@ def numbered(tables: Sequence[Table]) -> list[Table]:
 
 
 def _lever(table: Table, multiplier: Multiplier, number: int) -> Table:
-    """Return the multiplying table of a product, in the form of the control."""
     return replace(
         table,
         input_axis=multiplier.axis,

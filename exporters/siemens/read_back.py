@@ -1,13 +1,13 @@
 """The part program that writes the contents of a SINUMERIK into a file: every table of an export,
 with its switches and weight, as assignments.
 
-The file has the form of a data file, so that the functions for the machine's own files can read it.
-WRITE appends a line to a file of the passive file system, which may be as long as MD11420 allows
-(NC Programming, SINUMERIK ONE, p. 566); this manual does not state how many digits "<<" writes.
-DELETE with a fault and a path is taken from a published program for the 810D
-(industrialmonitordirect.com, deleting programs with an invalid name). The program compares an axis
-with each axis of the machine, because == and <> are allowed for the type AXIS (Job Planning, 828D,
-6FC5398-2BP40-0BA0, p. 66): the file then names the axis in the control.
+The file has the form of a data file, so the reader of the machine's own files can read it. WRITE
+appends a line to a file of the passive file system; MD11420 limits the length of this file (NC
+Programming, SINUMERIK ONE, p. 566). This manual does not state how many digits "<<" writes. DELETE
+with a fault variable and a path comes from a published program for the 810D
+(industrialmonitordirect.com, deleting programs with an invalid name). Only == and <> are allowed
+for the type AXIS (Job Planning, 828D, 6FC5398-2BP40-0BA0, p. 66). So the program compares a
+variable with each axis of the machine, and writes the name of the equal axis.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,8 +29,8 @@ _LOGICAL = {"TRUE": "1", "FALSE": "0"}
 
 
 def program(tables: Sequence[Table], profile: Profile) -> ControlFile:
-    """Return the part program for the tables of an export; the program changes nothing in the
-    control but its output file.
+    """Return the part program for the tables of an export. In the control, the program changes only
+    its output file.
     """
     body = [line for table in numbered(tables) for line in _of_table(table, profile)]
     head = [
@@ -61,7 +61,6 @@ def program(tables: Sequence[Table], profile: Profile) -> ControlFile:
 
 
 def _of_table(table: Table, profile: Profile) -> Iterator[str]:
-    """Yield the lines that write out a table: points, grid, axes, switches."""
     if table.kind == eec.KIND:
         system, axis = int(table.place["measuring system"]) - 1, table.place["axis"]
         yield from _points(f"$AA_ENC_COMP[{system},", f",{axis}]", table)
@@ -87,7 +86,6 @@ def _of_table(table: Table, profile: Profile) -> Iterator[str]:
 
 
 def _named(variable: str, axis: str, label: str) -> tuple[str, ...]:
-    """Return the lines that write out a variable if its value is the given axis."""
     over = f"NOT_{axis}_{label}"
     return (
         f"IF {variable}<>{axis} GOTOF {over}",
@@ -111,7 +109,6 @@ def _write_line(text: str) -> str:
 
 
 def switches(tables: Sequence[Table], profile: Profile) -> dict[str, str]:
-    """Return the switches and weights that the loading programs set, by variable with index."""
     wanted = {}
     for table in numbered(tables):
         if table.kind == eec.KIND:

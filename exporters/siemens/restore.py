@@ -1,10 +1,11 @@
 """Restore files of a SINUMERIK: the machine's own tables, and switched-off tables of zeros for new
 tables that the machine did not have.
 
-A new table does not disappear when the older files are loaded: it would remain active beside the
-old tables. So the restore files contain every table that an export writes. There are data files
-(the machine's own bytes, and a file of zeros) and part programs with the checks of
-`stepdiag.exporters.siemens.loader`, which also switch off the tables that the machine did not have.
+Loading the old files does not remove a new table: it would stay active beside the old tables. So
+the restore files contain every table that an export writes. The restore files are data files (the
+machine's own bytes, and a file of zeros) and part programs with the checks of
+`stepdiag.exporters.siemens.loader`. The part programs also switch off the tables that the machine
+did not have.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -33,8 +34,8 @@ OFF = ("0", "FALSE")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kind:
-    """The restore data of EEC or of CEC: prefix of the variables, name of the data file, loading
-    program, the machine's own tables, and zeros for the tables that it did not have.
+    """The restore data of EEC or CEC: prefix of the variables, name of the data file, loading
+    program, the machine's own tables, and zeros for tables that the machine did not have.
     """
 
     prefix: str
@@ -46,8 +47,8 @@ class Kind:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Old:
-    """Switches and weights of the machine's own tables before an export was loaded: those in its
-    files, else those in the profile.
+    """Switches and weights of the machine's own tables before an export was loaded: from the own
+    files, or else from the profile.
     """
 
     profile: Profile
@@ -57,9 +58,10 @@ class Old:
     def load(
         self, table: Table, lines: Sequence[str], switches: Sequence[str], weight: str = ""
     ) -> Load:
-        """Return a table in its earlier state: on if all its ``switches`` were on. Raises
-        ``SafetyError`` (``profile-incomplete.switches``) if neither files nor profile state the
-        switches, ``UsageError`` for a table that was active with a weight other than 1.
+        """Return a table in its earlier state: on if all its ``switches`` were on.
+
+        Raises ``SafetyError`` (``profile-incomplete.switches``) if neither files nor profile state
+        the switches, ``UsageError`` for an active table with a weight other than 1.
         """
         held = switches_in(self.profile.existing)
         values = [held[name] for name in switches if name in held]
@@ -116,9 +118,6 @@ def restore_files(
 
 
 def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old) -> Kind:
-    """Return the restore data of the EEC tables: the tables of an export and those in the machine's
-    own files.
-    """
     own = {
         _eec_place(table): table
         for file in profile.existing
@@ -144,9 +143,6 @@ def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old)
 def cec_kind(
     tables: Sequence[Table], profile: Profile, decimals: int, old: Old, *, sense: Sense
 ) -> Kind:
-    """Return the restore data of the CEC tables: the tables of an export and those in the machine's
-    own files.
-    """
     own = {
         _cec_place(table): table
         for file in profile.existing
@@ -181,7 +177,7 @@ def cec_kind(
 
 def is_idle(table: Table, profile: Profile, enabled: Collection[str] = ()) -> bool:
     """Return whether a table is switched off in the machine's own files although compensation was
-    active during the measurement; for CEC, the axes ``enabled`` count as on.
+    active during the measurement. The CEC of the axes ``enabled`` counts as on.
     """
     if profile.machine.measured_with == "off":
         return False
@@ -196,8 +192,8 @@ def is_idle(table: Table, profile: Profile, enabled: Collection[str] = ()) -> bo
 
 
 def held_lines(profile: Profile) -> Callable[[Table], list[str]]:
-    """Return a function that gives, for a table, the assignments in the machine's own files under
-    the same number or axis; empty if there are none.
+    """Return a function from a table to its assignments in the machine's own files, under the same
+    number or axis; empty without such assignments.
     """
     eec_lines = _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index)
     cec_lines = _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0])
@@ -225,9 +221,6 @@ def _cec_place(table: Table) -> str:
 def _lines_by_place(
     files: Sequence[ControlFile], prefix: str, place_of: Callable[[tuple[str, ...]], str]
 ) -> dict[str, list[str]]:
-    """Return the assignments of each table in the machine's own files, points before grid; the
-    first file that contains a table is used.
-    """
     found: dict[str, list[str]] = {}
     for file in files:
         here: dict[str, list[Assignment]] = {}
@@ -243,9 +236,6 @@ def _lines_by_place(
 
 
 def _zero_file(files: Sequence[ControlFile], kind: Kind, *, metric_line: bool) -> ControlFile:
-    """Return the data file of zeros, under the usual name if the machine has no file of
-    this kind.
-    """
     beside_own = any(
         not is_program(file) and f"${kind.prefix}".encode() in file.data for file in files
     )

@@ -1,5 +1,5 @@
-"""Angles as separate columns, for controls that use the kinematic chain and compute the effect of
-an axis' angles on the parts that the axis carries.
+"""Angles as separate columns, for controls that use the kinematic chain to compute the effect of an
+axis' angles on the parts that the axis carries.
 
 Such a control moves the tool by ``alpha(a) x r``, with levers ``r`` from the zero of its axes. The
 fit (`fit`) describes the same field by curves, and by products with levers from the middle of the
@@ -7,9 +7,9 @@ volume. A product is converted into the column of an angle that is zero at the r
 
     g(a) (b - middle) = [g(a) - g(ref)] b  +  g(ref) b  -  g(a) middle
 
-The first summand is the column of the angle, the second is a curve along b, the third a curve along
-a. If the control also uses the travel of the axis itself as a lever of its angles, the effect of
-this lever is subtracted from the curve.
+The first summand is the column of the angle, the second a curve along b, the third a curve along a.
+If the control also uses the travel of the axis itself as a lever of its angles, the effect of this
+lever is subtracted from the curve.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 
 COLUMN = "column"
 LEVER_MM = 100.0
-"""Lever in mm for which the table of an angle contains the movement."""
+"""Lever in mm for which the product table of an angle contains the movement."""
 _LETTERS, _TURNS = "XYZ", "ABC"
 
 
@@ -54,17 +54,17 @@ class Columns:
 
 
 def levers_of(chain: str, *, own: bool) -> Vector:
-    """Return a matrix (axis, lever) with 1 for each axis whose travel is a lever of an axis'
-    angles, else 0; with ``own`` the travel of an axis on the workpiece side is also a lever of its
-    own angles.
+    """Return a matrix (axis, lever) with 1 for each axis whose travel is a lever of the angles of
+    an axis, else 0. With ``own``, the travel of an axis on the workpiece side is also a lever of
+    its own angles.
     """
     mask = abbe_mask(chain)
     return mask if own else mask * (1.0 - np.eye(3))
 
 
 def require_chain(result: Result, profile: Profile) -> None:
-    """Raise ``UsageError`` if profile and result state different chains: the angles would turn the
-    wrong axes.
+    """Raise ``UsageError`` if profile and result state different chains: the angles would rotate
+    the wrong axes.
     """
     stated = getattr(profile.options, "chain", None)
     if stated is not None and parse_chain(stated) != parse_chain(result.chain):
@@ -80,7 +80,7 @@ def columns_of(
 ) -> Columns:
     """Return curves and angles for a control that uses the ``levers`` of `levers_of`.
 
-    Without curves (a sign test) only the angles are returned. Raises ``UsageError`` if a function
+    Without curves (a sign test), only the angles are returned. Raises ``UsageError`` if a function
     that the angles need is missing, or if the control does not use the lever of a product.
     """
     missing = [
@@ -123,9 +123,6 @@ def _relative_urad(
     profile: Profile,
     grid: Vector,
 ) -> Vector | None:
-    """Return the values of an angle minus their mean, in urad, from the first product with this
-    angle; None without such a product.
-    """
     for product in products:
         output, by = _LETTERS.index(product.output_axis), _LETTERS.index(product.by_axis)
         sign = _sign(turn, by, output)
@@ -156,7 +153,7 @@ def _move(
     middles: Mapping[str, float],
 ) -> None:
     """Subtract from the curves the movement that the control adds by an angle and the lever along
-    ``by``, as far as the fit does not contain it.
+    ``by`` and that the fit does not contain.
     """
     turn, moving = _TURNS.index(angle.name[1]), _LETTERS.index(angle.name[2])
     for output in range(3):
@@ -192,7 +189,7 @@ def _plus(curve: Curve, position_mm: Vector, value_um: Vector) -> Curve:
 
 
 def _sign(turn: int, by: int, output: int) -> float:
-    """Return the movement of an axis by a unit turn and a unit lever: a component of the vector
+    """Return the movement of an axis by a unit rotation and a unit lever: a component of the vector
     product turn x lever.
     """
     return float(np.cross(np.eye(3)[turn], np.eye(3)[by])[output])
@@ -209,7 +206,7 @@ def angle_tables(
     place: Mapping[str, int | str],
 ) -> Iterator[Table]:
     """Yield the effect of an angle's column in the control: a product table for each moved axis and
-    each lever. ``laws`` are the laws of the values by output axis.
+    each lever. ``laws`` contains the laws of the values by output axis.
     """
     turn, moving = _TURNS.index(angle.name[1]), _LETTERS.index(angle.name[2])
     for by in np.flatnonzero(levers[moving]):
@@ -238,9 +235,6 @@ def angle_tables(
 
 
 def column_urad(table: Table) -> Vector:
-    """Return the values in urad of the column to which a product table belongs, in the sense of the
-    table's law.
-    """
     by = "" if table.multiplier is None else table.multiplier.axis
     sign = _sign(
         _TURNS.index(str(table.place[COLUMN])[1]),

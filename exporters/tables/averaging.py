@@ -1,4 +1,4 @@
-"""The mean of both directions for tables without a direction of travel, with a finding about the
+"""The mean of both directions, for tables without a direction of travel, and the finding about the
 difference.
 """
 
@@ -16,15 +16,14 @@ from stepdiag.exporters.tables.sampling import is_directional
 
 
 def averaging(profile: Profile) -> Profile:
-    """Return the profile with ``direction`` set to the mean of both directions."""
     return replace(
         profile, machine=msgspec.structs.replace(profile.machine, direction="mean")
     )
 
 
 def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
-    """Yield the finding ``direction-averaged`` for every curve whose two directions go into one
-    table although the profile asks for both.
+    """Yield the finding ``direction-averaged`` for every curve that goes into one table although
+    the profile requests both directions.
     """
     for curve in curves:
         if is_directional(curve, profile):
@@ -32,8 +31,8 @@ def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Find
 
 
 def straightness_remark(curves: Sequence[Curve], control: str) -> Iterator[Finding]:
-    """Yield the finding ``function-left-out.no-table`` with the straightness that stays in the
-    machine (without the end-point line), for each straightness curve.
+    """Yield the finding ``function-left-out.no-table`` with the straightness (without its end-point
+    line) that stays in the machine.
     """
     left = [
         message("so-much-of", name=curve.name, size_um=_straightness_um(curve))

@@ -1,8 +1,8 @@
 """Controls whose tables are typed in by hand: a list for each axis with the error in + and in -
 direction.
 
-Such controls differ only in name, heading, law and sizes, which `AxisList` contains as data. They
-have no cross table, so straightness stays in the machine.
+Such controls differ only in the fields of `AxisList`: name, heading, law and sizes. Such controls
+have no cross table, so the straightness errors stay in the machine.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,7 +30,7 @@ from stepdiag.exporters.tables.tables import Law, Table
 
 
 class NoOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The section of a control whose profile has no questions besides those of the axes."""
+    """The section of a control whose profile asks only about the axes."""
 
 
 _MARK, _END = b"; rows to key in, up to the line that says end", b"; end"
@@ -38,13 +38,13 @@ _MARK, _END = b"; rows to key in, up to the line that says end", b"; end"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisList:
-    """A control with typed lists in the form of `exporters.tables.controller.Controller`.
+    """A control with typed lists, in the form of `exporters.tables.controller.Controller`.
 
-    ``heading`` contains the control's names of the three columns, with semicolons between.
-    ``decimals`` are the decimal places of a position and an error in mm. ``points`` and
-    ``value_um`` are the largest number of points and the largest value of a table. ``steps`` are
-    the actions of the person who types the lists in, ``remarks`` the remarks of every export for
-    this control.
+    ``heading`` contains the control's names of the three columns, with semicolons between them.
+    ``decimals`` contains the decimal places of a position and an error in mm. ``points`` and
+    ``value_um`` are the largest number of points and the largest value of a table. ``steps``
+    contains the actions of the person who types the lists in, ``remarks`` the remarks of every
+    export for this control.
     """
 
     name: str
@@ -61,29 +61,23 @@ class AxisList:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the only kind of table of the control."""
         return (self.kind,)
 
     @property
     def options_template(self) -> str:
-        """Return the text of the section, which has only a header."""
         return f"[{self.name}]\n"
 
     @property
     def quantum_um(self) -> float:
-        """Return the unit in um of the last decimal of an error."""
         return float(10.0 ** (3 - self.decimals))
 
     def quick_options(self) -> NoOptions:
-        """Return the empty options of a provisional export."""
         return NoOptions()
 
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
-        """Return the largest number of points and the largest value of a table."""
         return Limits(points=self.points, value_um=self.value_um)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return the tables of the positioning errors."""
         tables: list[Table] = []
         for curve in curves:
             if curve.name in POSITIONING:
@@ -105,7 +99,7 @@ class AxisList:
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
         """Return a list for each axis. Raises ``SafetyError`` (``direction-unfit.column``) for a
-        column of zeros, which would mean a missing column.
+        column of zeros, which the control would read as a missing column.
         """
         by_axis = {
             letter: [table for table in tables if table.input_axis == letter]
@@ -114,31 +108,22 @@ class AxisList:
         return tuple(self._list(of_axis, notes) for of_axis in by_axis.values() if of_axis)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables in typed lists."""
         return tuple(table for file in files for table in self._read(file, profile))
 
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the tables that are active after the new lists are typed in: one list for each
-        axis.
-        """
         return overwritten(
             self.parse(own, profile), self.parse(new, profile), lambda table: table.input_axis
         )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the restore files: the machine's own lists, and a list of zeros for every other
-        axis.
-        """
         return own_and_zeros(self, tables, profile, lambda table: table.input_axis)
 
     def recognises(self, file: ControlFile) -> bool:
-        """Return whether the file is a list of this control, by its heading."""
         return self.heading.encode("ascii") in file.data
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return the column of the table as text for typing in."""
         way = {0: "both directions", 1: "+ direction", -1: "- direction"}[table.direction]
         points = zip(table.position_mm, table.value_um, strict=True)
         rows = (
@@ -148,7 +133,6 @@ class AxisList:
         return (f"position mm   error mm, {way}", *rows)
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
-        """Return the steps for the service engineer."""
         return self.steps
 
     def _list(self, tables: Sequence[Table], notes: Sequence[str]) -> ControlFile:

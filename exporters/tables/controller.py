@@ -1,8 +1,8 @@
-"""The interface of every controller module: the functions that plan, render and parse tables, and
-the law by which the control applies a table.
+"""The interface of every control: functions that plan, render and parse tables, and the law by
+which the control applies a table.
 
-curves --plan--> tables --render--> files          (export)
-files  --parse-> tables --law-----> correction     (verify, merge, sign test)
+    curves --plan--> tables --render--> files          (export)
+    files  --parse-> tables --law-----> correction     (verify, merge, sign test)
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,14 +20,14 @@ from stepdiag.exporters.tables.tables import Table
 
 PLAUSIBLE_SLOPE_UM_MM = 0.8
 """Largest plausible slope of a guideway or screw along its travel, for a control without a limit
-(controllers.md 10.4): 800 urad, twice the limit for a whole axis in
+(controllers.md 10.4): 800 urad. The slope is twice the limit for a whole axis in
 `exporters.tables.profile.WARN_UM_M`, because straightness has bends and also contains the
 squareness.
 """
 PLAUSIBLE_STEP_UM = 6.0
-"""Plausible change between two measured values in addition to the plausible slope, even at a small
-distance: peak to peak of a screw's waves of 3 um, or four times the scatter of a difference of two
-values on a poor machine.
+"""Plausible change in um between two measured values, in addition to the plausible slope: screw
+waves of 3 um peak to peak, or four times the scatter of the difference of two values on a poor
+machine.
 """
 
 
@@ -44,11 +44,11 @@ class Limits:
 
     ``points`` is the largest number of points in a table, ``value_um`` the largest value,
     ``tables`` the largest number of tables of a kind. ``neighbour_um`` is the largest change from
-    point to point, ``neighbour_um_mm`` the largest change for each mm of spacing. ``slope_um_mm``
-    is the control's own limit of the slope, or "plausible"; None if the control limits neighbouring
-    values instead. ``reference_um`` is the table's intended value at the reference if the table
-    replaces another compensation of the control. ``ends_backlash`` is true if this table switches
-    off the control's backlash compensation, so that the reversal error cannot be corrected twice.
+    point to point, ``neighbour_um_mm`` the largest change per mm of spacing. ``slope_um_mm`` is the
+    control's own limit of the slope, or "plausible"; None if the control limits neighbouring values
+    instead. ``reference_um`` is the intended value at the reference of a table that replaces
+    another compensation of the control. ``ends_backlash`` is true if this table switches off the
+    control's backlash compensation, so that the reversal error cannot be corrected twice.
     """
 
     points: int | None = None
@@ -65,9 +65,9 @@ class Limits:
 class Plan:
     """The planned tables of an export, with remarks about the plan.
 
-    ``listed`` are tables without a file, which the report shows for typing in. ``options`` are the
-    profile's options with the choices of the planning, which ``render`` and ``parse`` need; None if
-    the planning chose nothing.
+    ``listed`` contains tables without a file, which the report shows for typing in. ``options``
+    contains the profile's options with the choices of the planning, for ``render`` and ``parse``;
+    None if the planning chose nothing.
     """
 
     tables: tuple[Table, ...]
@@ -78,25 +78,23 @@ class Plan:
 
 @runtime_checkable
 class Multiplying(Protocol):
-    """A control that can multiply a table by another table."""
-
     def plan_products(
         self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile
     ) -> Plan:
-        """Return the tables for the curves, and for those products that the profile allows and for
-        which the control has room.
+        """Return the tables for the curves, and for the products that the profile allows and the
+        control has room for.
         """
 
 
 @runtime_checkable
 class Pairing(Protocol):
-    """A control with one number for the squareness of a pair of axes: neither straightness of the
-    pair is corrected without the other.
+    """A control with one number for the squareness of a pair of axes. Such a control corrects both
+    straightness functions of the pair or none.
     """
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
-        """Return the functions, with the partner of each function that contains a squareness;
-        ``fold`` names these functions.
+        """Return the functions, each with the second function of its pair if it contains a
+        squareness. ``fold`` contains the function of each squareness.
         """
 
 
@@ -109,25 +107,19 @@ class Emptying(Protocol):
     def emptied(
         self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return a table of zeros for every old table of ``own`` that would remain active although
+        """Return a table of zeros for every old table of ``own`` that would stay active although
         ``tables`` do not contain it.
         """
 
 
 @runtime_checkable
 class Reporting(Protocol):
-    """A control that can write its contents into a file."""
-
     def read_back(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
-        """Return the programs by which the control writes out the contents, switches and weights of
-        some tables.
-        """
+        """Return the programs by which the control writes out tables, switches and weights."""
 
 
 @runtime_checkable
 class Switching(Protocol):
-    """A control whose tables have switches and weights beside their values."""
-
     def switches(self, tables: Sequence[Table], profile: Profile) -> Mapping[str, str]:
         """Return the switches and weights that make the tables active, by the control's own
         names.
@@ -167,16 +159,16 @@ class Controller(Protocol):
         """
 
     def quick_options(self) -> msgspec.Struct:
-        """Return the options for a provisional export without a profile (contract 5); ``plan``
-        reports each assumption in these options.
+        """Return the options for an export without a profile. ``plan`` reports each assumption in
+        these options.
         """
 
     def limits(self, table: Table, profile: Profile) -> Limits:
         """Return the limits that the control of the profile has for a table."""
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return the tables for the curves: their values are sampled on the profile's grid, zero at
-        the reference, and quantised once.
+        """Return the tables for the curves. Their values are sampled on the grid of the profile,
+        zero at the reference, and rounded once to the unit of the control.
 
         Raises ``SafetyError`` for a curve that the control cannot represent.
         """
@@ -184,10 +176,10 @@ class Controller(Protocol):
     def render(
         self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()
     ) -> tuple[ControlFile, ...]:
-        """Return the files for the control, with ``notes`` as comments at the head of every file
-        that may hold comments.
+        """Return the files for the control. Every file that may contain comments has the ``notes``
+        as comments at its head.
 
-        Each note is one line of plain ASCII. Raises ``SafetyError`` if a file of the machine that
+        Each note is one line of plain ASCII. Raises ``SafetyError`` if the machine's own file that
         serves as template is missing.
         """
 
@@ -201,17 +193,17 @@ class Controller(Protocol):
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
         """Return the tables that are active after loading the files ``new`` into a control with the
-        files ``own``; without new files, the tables of ``own``.
+        files ``own``. Without new files, return the tables of ``own``.
 
-        A loaded table replaces the table in the same place (a number, a pair of axes or a file
-        name, by the rule of this control), and no other. Raises the ``DataError`` of `parse`.
+        A loaded table replaces only the table in the same place, which is a number, a pair of axes
+        or a file name, by the rule of the control. Raises the ``DataError`` of `parse`.
         """
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the files that bring the control back to its state before ``tables`` were loaded.
 
-        These are the machine's own files, byte for byte, and for every other table a file that
-        makes it ineffective. The file names are those of the control; ``profile`` contains the
+        The files are the machine's own files, byte for byte, and for every other table a file that
+        makes it ineffective. The file names are those of the control. ``profile`` contains the
         choices of the planning.
         """
 
@@ -219,7 +211,7 @@ class Controller(Protocol):
         """Return whether the file is in this controller's format, from its name and first lines."""
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
-        """Return the table for the report, in the control's own words and numbers (or
+        """Return the table as rows of the report, in the words and numbers of the control (or
         `plain_rows`).
         """
 

@@ -23,8 +23,8 @@ STRAIGHTNESS = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 FUNCTIONS = POSITIONING + STRAIGHTNESS
 """The nine functions that a table with an input and an output axis can correct."""
 SIGNIFICANT = 3.0
-"""Number of standard uncertainties beyond which a reversal is significant: chance does not give it
-at one of some ten positions.
+"""Number of standard uncertainties above which a reversal is significant. A reversal by chance does
+not exceed this number at any of some ten positions.
 """
 
 SQUARENESS_SLOPE: Mapping[str, Mapping[str, float]] = MappingProxyType(
@@ -34,32 +34,32 @@ SQUARENESS_SLOPE: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "A0Z": MappingProxyType({"EYZ": -1.0, "EZY": -1.0}),
     }
 )
-"""Slope in the straightness curve for one unit of squareness: the first value of each pair is the
-displacement of contract 1 (dX = -C0Y y, dX = +B0Z z, dY = -A0Z z), the second value the
+"""Slope of the straightness curve for one unit of squareness. The first value of each pair is the
+displacement by the squareness (dX = -C0Y y, dX = +B0Z z, dY = -A0Z z), the second value the
 displacement after a rigid rotation of the workpiece.
 """
 
 FOLD_DEFAULT: Mapping[str, str] = MappingProxyType({"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"})
 FOLD_OTHER: Mapping[str, str] = MappingProxyType({"C0Y": "EYX", "B0Z": "EZX", "A0Z": "EZY"})
-"""The function that contains each squareness by default, and the other function of the same pair of
-axes.
+"""The function that contains each squareness by default, and the alternative function of the same
+pair of axes.
 """
 
 KEPT = "the table in the control"
-"""Name of the part of a curve that comes from an old table of a function that was not requested;
-this part is written again unchanged.
+"""Name of the part of a curve that comes from an old table. The function of this table was not
+requested, so the part is written again unchanged.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
-    """The error of an output axis along an input axis, which ``name`` states (``EYX``: Y error
-    along X).
+    """The error of an output axis along an input axis. ``name`` contains both axes (``EYX``: Y
+    error along X).
 
     ``forward_um`` belongs to travel in the + direction of the input axis, ``reverse_um`` to the -
     direction (None if the measurement does not separate the directions). ``u_um`` is the standard
-    uncertainty, NaN where unknown. ``parts`` names the summands of the curve. ``slope_known`` is
-    False if only the shape was identified and the end-point line is missing.
+    uncertainty, NaN where unknown. ``parts`` contains the names of the summands of the curve.
+    ``slope_known`` is False if only the shape was identified and the end-point line is missing.
     """
 
     name: str
@@ -72,12 +72,10 @@ class Curve:
 
     @property
     def output_axis(self) -> str:
-        """Return the output axis, which has the error: X, Y or Z."""
         return self.name[1]
 
     @property
     def input_axis(self) -> str:
-        """Return the input axis, which moves: X, Y or Z."""
         return self.name[2]
 
     @property
@@ -98,9 +96,6 @@ class Curve:
         return np.interp(position_mm, self.position_mm, self.toward(direction))
 
     def toward(self, direction: int) -> Vector:
-        """Return the values at the nodes for travel in ``direction`` (+1, -1, or 0 for the mean of
-        both).
-        """
         if self.reverse_um is None:
             return self.forward_um
         return (self.mean_um, self.forward_um, self.reverse_um)[direction]
@@ -109,11 +104,11 @@ class Curve:
 def curves_of(
     result: Result, names: Sequence[str] = FUNCTIONS, fold: Mapping[str, str] = FOLD_DEFAULT
 ) -> tuple[Curve, ...]:
-    """Return the curves with the names ``names``, each squareness added to the straightness curve
-    in ``fold``.
+    """Return the curves with the names ``names``. Each squareness is added to the straightness
+    curve in ``fold``.
 
-    Raises ``DataError`` for a function or squareness that the result does not identify, and
-    ``UsageError`` for a name that is no function of a three-axis machine, or if ``fold`` names a
+    Raises ``DataError`` for a function or squareness that the result does not identify. Raises
+    ``UsageError`` for a name that is no function of a three-axis machine, or if ``fold`` contains a
     function of another pair of axes.
     """
     if len(set(names)) != len(names):
@@ -127,7 +122,6 @@ def curves_of(
 def _folded_slopes(
     result: Result, names: Sequence[str], fold: Mapping[str, str]
 ) -> dict[str, dict[str, float]]:
-    """Return, by function, the slope in um/mm that each squareness adds."""
     slopes: dict[str, dict[str, float]] = {}
     for squareness, target in fold.items():
         pair = SQUARENESS_SLOPE.get(squareness, {})
@@ -186,12 +180,12 @@ def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
 
 
 def _significant(name: str, reversal: Function) -> bool:
-    """Return whether a reversal is significant at any position; the reversal of a positioning
+    """Return whether a reversal is significant at any position. The reversal of a positioning
     function must also be known at the first position.
 
-    If the passes share no zero, a positioning function's reversal is only known relative to its
-    first position (u = 0 there). Tables for each direction would omit the constant part, although
-    the backlash parameter is zero.
+    If the passes share no zero, the reversal of a positioning function is known only relative to
+    its first position (u = 0 there). Tables for each direction would then omit the constant part,
+    although the backlash parameter is zero.
     """
     if reversal.u is None or reversal.value is None:
         return reversal.value is not None
@@ -202,9 +196,6 @@ def _significant(name: str, reversal: Function) -> bool:
 
 
 def _half_reversal(result: Result, name: str, position_mm: Vector) -> Vector | None:
-    """Return half of the reversal (approach in + minus approach in -) at the positions; None if the
-    reversal is unknown or not significant.
-    """
     reversal = result.reversal.get(name)
     if reversal is None or reversal.value is None or not _significant(name, reversal):
         return None

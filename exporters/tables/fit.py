@@ -38,25 +38,24 @@ _TURNS = "ABC"
 _FINE = 401
 """Number of points over which a mean along an axis is taken."""
 _BENT = 4
-"""Number of straight sections between two nodes for an angle times the travel of its own axis,
-because this product is not straight.
+"""Number of straight sections between two nodes for an angle times the travel of its own axis, a
+product that is not straight.
 """
 _NOTHING_UM = 1e-3
-"""Largest movement in um (a nanometre) of a product that is ignored."""
+"""Largest movement of a product that is ignored, in um."""
 
 Zone = Mapping[str, tuple[float, float]]
-"""The zone of the best fit, by axis letter: lowest and highest position in mm."""
+"""The zone of the best fit: lowest and highest position in mm by axis letter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
-    """The part of the error that only the product of two tables can correct: ``value_um`` along the
-    input axis, times a lever along ``by_axis``.
+    """The part of the error that only a product of two tables can correct.
 
-    The error of the output axis is ``value_um * (b - middle_mm) / half_mm``: ``value_um`` is the
-    error at the end of the fitted zone along ``by_axis``. ``rms_um`` is the root mean square of the
-    product's error over this zone, which remains without the product. ``u_um`` is the standard
-    uncertainty of ``value_um``.
+    The error of the output axis is ``value_um * (b - middle_mm) / half_mm``, with the position b
+    along ``by_axis``: ``value_um`` is the error at the end of the fitted zone. ``rms_um`` is the
+    root mean square of this error over the zone, which remains without the product. ``u_um`` is the
+    standard uncertainty of ``value_um``.
     """
 
     output_axis: str
@@ -79,7 +78,7 @@ class Product:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
-    """The curves to write, and the products with the most valuable product first."""
+    """The curves to write, and the products; the product with the largest effect comes first."""
 
     curves: tuple[Curve, ...]
     products: tuple[Product, ...] = ()
@@ -108,11 +107,11 @@ def fitted(
     zone: Zone | None = None,
     active: Sequence[Table] = (),
 ) -> Fitted:
-    """Return the curves with the names ``names`` and the products that fit the field of the result
-    over ``zone`` (without a zone, over the volume).
+    """Return the curves with the names ``names``, and the products, that best fit the field of the
+    result over ``zone`` (without a zone, over the volume).
 
-    ``active`` are product tables that were active during the measurement: without them the error
-    would have been larger. Raises the ``DataError`` and ``UsageError`` of `curves_of`, and
+    ``active`` contains product tables that were active during the measurement: without them the
+    error would have been larger. Raises the ``DataError`` and ``UsageError`` of `curves_of`, and
     ``UsageError`` for a zone outside the measured volume.
     """
     ends = _ends(result.volume, zone or {})
@@ -134,9 +133,6 @@ def fitted(
 
 
 def straight_line_um_mm(curve: Curve) -> float:
-    """Return the slope in um/mm of the straight line that fits the mean of both directions of a
-    curve best.
-    """
     return line_um_mm(curve.position_mm, curve.mean_um)
 
 
@@ -155,12 +151,11 @@ def _pairs() -> Iterator[tuple[str, str]]:
 
 
 def _ends(volume: Volume, zone: Zone) -> list[tuple[float, float]]:
-    """Return the ends of the zone along each axis, limited to the measured volume."""
     ends = []
     for index, letter in enumerate(_LETTERS):
         low, high = volume.origin_mm[index], volume.origin_mm[index] + volume.size_mm[index]
         first, last = zone.get(letter, (low, high))
-        # an axis that did not travel has neither a zone nor a table
+        # An axis that did not travel has neither a zone nor a table.
         if volume.travelled[index] and not low <= first < last <= high:
             raise UsageError(
                 f"axes.{letter}.working_mm",
@@ -229,7 +224,6 @@ def _of_table(table: Table) -> _Term:
 
 
 def _mean(term: _Term, ends: Sequence[tuple[float, float]]) -> float:
-    """Return alpha_bar, the mean of the term's angle over the zone."""
     fine = np.linspace(*ends[term.input], _FINE)
     return float(
         np.trapezoid(np.interp(fine, term.position_mm, term.per_mm_um), fine)
@@ -239,14 +233,11 @@ def _mean(term: _Term, ends: Sequence[tuple[float, float]]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Added:
-    """The values that the levers add to a curve, zero at the first position."""
-
     position_mm: Vector
     value_um: Vector
     u_um: Vector
 
     def sloped(self, um_per_mm: float) -> "_Added":
-        """Return these values with a straight line of the slope ``um_per_mm`` added."""
         return replace(
             self,
             value_um=self.value_um + um_per_mm * (self.position_mm - self.position_mm[0]),
@@ -268,9 +259,6 @@ def _added(
     ends: Sequence[tuple[float, float]],
     result: Result,
 ) -> _Added:
-    """Return the sum of the first two summands of all terms that move ``output`` along the axis
-    ``moving``.
-    """
     index = _LETTERS.index(moving)
     at = np.unique(
         np.concatenate(
@@ -320,9 +308,6 @@ def _folded(added: Mapping[str, _Added], fold: Mapping[str, str]) -> dict[str, _
 
 
 def _with(curve: Curve, added: _Added, sources: tuple[str, ...]) -> Curve:
-    """Return the curve plus the values that the levers add; the unchanged curve if no lever adds a
-    value.
-    """
     if not sources:
         return curve
     at = np.unique(np.concatenate([curve.position_mm, added.position_mm]))
@@ -341,9 +326,6 @@ def _with(curve: Curve, added: _Added, sources: tuple[str, ...]) -> Curve:
 
 
 def _sources(terms: Sequence[_Term], name: str) -> tuple[str, ...]:
-    """Return the angular functions whose levers change a curve, directly or by the slope of the
-    other curve of the pair.
-    """
     output, moving = (_LETTERS.index(letter) for letter in name[1:])
     mine = [
         t.source

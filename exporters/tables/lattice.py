@@ -2,7 +2,7 @@
 and others), as CSV.
 
 Every vertex contains the displacement to ADD to the command: the negative error field of the
-result, with its Abbe arms. Only this form contains the full effect of the angular errors. Between
+result, with its Abbe arms. Only a lattice contains the full effect of the angular errors. Between
 the vertices a control interpolates linearly in three directions (A-79351E p. 3).
 """
 
@@ -25,8 +25,8 @@ from stepdiag.exporters.tables.profile import whole_steps
 NAME = "lattice"
 HEADER = "x_mm,y_mm,z_mm,cx_um,cy_um,cz_um"
 _DECIMALS = 3
-"""Number of decimal places of a vector in um: the last place is a nanometre, below the resolution
-of every control.
+"""Decimal places of a vector in um: the last place is 1 nm, below the resolution of every
+control.
 """
 
 
@@ -101,10 +101,11 @@ def lattice_of(result: Result, step_mm: float | Sequence[float]) -> Lattice:
 def lattice_on(
     result: Result, axes_mm: tuple[Vector, Vector, Vector], active: Lattice | None = None
 ) -> Lattice:
-    """Return the lattice at the given positions of the axes, rounded to a nanometre; a vertex
-    outside the measured volume has the error of the nearest point in the volume.
+    """Return the lattice at the given positions of the axes, rounded to 1 nm. A vertex outside the
+    measured volume has the error of the nearest point in the volume.
 
-    ``active`` is the lattice that was active during the measurement; the new lattice replaces it.
+    ``active`` is the lattice that was active during the measurement; the new lattice replaces
+    it.
     """
     points = np.stack(np.meshgrid(*axes_mm, indexing="ij"), axis=-1).reshape(-1, 3)
     low = np.asarray(result.volume.origin_mm)
@@ -120,8 +121,8 @@ def lattice_on(
 
 
 def render(lattice: Lattice) -> ControlFile:
-    """Return the file ``lattice.csv``: one row for each vertex, in the order in which z changes
-    fastest, with vectors rounded to a nanometre.
+    """Return the file ``lattice.csv`` with one row for each vertex; z changes fastest. Vectors are
+    rounded to 1 nm.
     """
     rows = [HEADER]
     for index in np.ndindex(lattice.vectors_um.shape[:3]):
@@ -140,7 +141,6 @@ def render(lattice: Lattice) -> ControlFile:
 
 
 def recognises(file: ControlFile) -> bool:
-    """Return whether the file begins with the header of a lattice."""
     return file.data.startswith(HEADER.encode("ascii"))
 
 

@@ -1,10 +1,10 @@
-"""Merging a new measurement with the table active during the measurement (controllers.md 9).
+"""Adds the table that was active during a measurement to the measured error (controllers.md 9).
 
 The residual r was measured WITH the old correction A_old; without A_old the error would have been e
 = r - A_old. A new table for e replaces the old table. The formula is valid for every sense and for
 incremental data, because A_old is the movement by the control's law. Old and new error are
-evaluated as functions on the new grid; the planning shifts the sum to zero at the reference and
-quantises it once.
+evaluated on the new grid. The planning then shifts the sum to zero at the reference and rounds it
+once.
 """
 
 from collections.abc import Sequence
@@ -61,12 +61,12 @@ def _merged(curve: Curve, active: Sequence[Table], profile: Profile) -> Curve:
 def _without(
     curve: Curve, active: Sequence[Table], grid_mm: Vector, direction: int
 ) -> Vector:
-    """Return the error of the machine without its tables on a grid.
+    """Return the error of the machine without its tables, on a grid.
 
-    The residual is known at the measured positions, where it contains the movement by the control
-    (in steps, if the table acts in steps). So the steps are subtracted at these positions before
-    straight lines join the points; then the old table, with its points joined by straight lines, is
-    subtracted on the whole grid.
+    The residual is known at the measured positions. If the table acts in steps, the residual
+    contains these steps. So the steps are subtracted at the measured positions, straight lines join
+    the results, and the old table, with its points joined by straight lines, is subtracted on the
+    whole grid.
     """
     measured = curve.position_mm
     smooth = curve.toward(direction) - steps_um(active, measured, direction)

@@ -1,5 +1,5 @@
 """Restore files of a control whose tables are lists: the machine's own files, and zeros for tables
-that these do not contain.
+that these files lack.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -18,7 +18,7 @@ def lacking(
     profile: Profile,
     place: Callable[[Table], Hashable],
 ) -> tuple[Table, ...]:
-    """Return those ``tables`` whose ``place`` is in none of the machine's own files, with all
+    """Return those of ``tables`` whose ``place`` is in none of the machine's own files, with all
     values zero.
     """
     held = (
@@ -36,7 +36,7 @@ def own_and_zeros(
     place: Callable[[Table], Hashable],
 ) -> tuple[ControlFile, ...]:
     """Return the machine's own files, and files of zeros for the tables whose ``place`` is in none
-    of these.
+    of them.
     """
     zeros = lacking(controller, tables, profile, place)
     rendered = controller.render(zeros, profile, (NO_TABLE_BEFORE,)) if zeros else ()

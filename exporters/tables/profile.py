@@ -1,7 +1,7 @@
-"""The controller profile: every fact about a machine that an export must not guess.
+"""The profile of a machine: every fact that an export must not guess.
 
 A profile is a TOML file. A field without a default is a question: the template contains ``"?"`` in
-its place, and a profile with an unanswered question is refused (`exporters.profiles.file` reads
+its place. A profile with an unanswered question is refused (`exporters.profiles.file` reads
 profiles).
 """
 
@@ -26,20 +26,22 @@ Options = TypeVar("Options", bound=msgspec.Struct)
 MOST_EXISTING = 64
 """Largest number of own files of a machine in a profile."""
 NEARLY_MM = 0.01
-"""Largest difference in mm of a travel from a whole number of steps, for steps of 1 mm or more."""
+"""Largest difference in mm between a travel and a whole number of steps, for steps of 1 mm or
+more.
+"""
 MOST_SECTIONS = 20_000
 """Largest number of steps along one axis (20 m in steps of 1 mm), more than any control has."""
 WARN_UM_M = 400.0
-"""Largest errors that grow with the travel, on a poor machine (k = 3): squareness 100 urad or scale
-50 um/m, growth 60 um/m, and a hall 5 C from 20 C (`CLASSES`). A correction above this limit needs
-acceptance, a correction above twice the limit is refused.
+"""Largest plausible errors that grow with the travel, on a poor machine (k = 3): squareness 100
+urad or scale 50 um/m, growth 60 um/m, and a hall 5 C from 20 C (`CLASSES`). A correction above this
+limit must be accepted by a person; a correction above twice the limit is refused.
 """
 CHANGE_UM_M = 80.0
-"""Largest change of a table between two surveys that needs no acceptance, in um/m: growth of a poor
-machine (60 um/m, k = 1) and drift.
+"""Largest change of a table between two surveys without acceptance by a person, in um/m: growth of
+a poor machine (60 um/m, k = 1) and drift.
 """
 SHORTEST_TRAVEL_MM = 500.0
-"""Travel in mm below which the limits do not decrease further (200, 400 and 40 um): reversal,
+"""Travel in mm below which the limits stay constant (200, 400 and 40 um), because reversal,
 straightness and screw waves do not decrease with the travel.
 """
 AxisName = Annotated[
@@ -63,8 +65,6 @@ PlainPath = Annotated[
 
 
 class MachineSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The section ``[machine]``: the machine, its control, and its state during the measurement."""
-
     name: Line
     controller: str
     measured_with: Literal["off", "on"]
@@ -79,10 +79,6 @@ class MachineSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
 
 
 class AxisSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The section ``[axes.X]``: name, grid, reference and travel of one axis, in machine
-    coordinates.
-    """
-
     name: AxisName
     step_mm: Positive
     reference_mm: float
@@ -97,8 +93,8 @@ class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_
     """The section ``[limits]``: the limits at which safety checks warn or refuse (controllers.md
     10).
 
-    None for a size means that the limit grows with the travel, as errors do; None for the slope
-    means the control's own limit, or without such a limit a plausible slope.
+    A size of None means that the limit grows with the travel, as errors do. A slope of None means
+    the control's own limit, or a plausible slope for a control without a limit.
     """
 
     value_um: Positive | None = None
@@ -108,9 +104,7 @@ class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_
     points: Annotated[int, msgspec.Meta(ge=2)] | None = None
 
     def at(self, travel_mm: float) -> "TravelLimits":
-        """Return the limits in um for a travel in mm; a limit that the profile states has
-        priority.
-        """
+        """Return the limits in um for a travel in mm. A limit in the profile has priority."""
         warn, change = (
             max(SHORTEST_TRAVEL_MM, travel_mm) * um_m / 1000.0
             for um_m in (WARN_UM_M, CHANGE_UM_M)
@@ -124,8 +118,8 @@ class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TravelLimits:
-    """Limits of one table, in um: for the correction, for a correction without acceptance, and for
-    the change from the table in the control.
+    """Limits of one table in um: for the correction, for a correction that no person has accepted,
+    and for the change from the table in the control.
     """
 
     value_um: float
@@ -134,11 +128,11 @@ class TravelLimits:
 
 
 class SignTestRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """The section ``[[sign_test]]`` of a kind of table: date, machine, files and result of the test
-    of its sense.
+    """The section ``[[sign_test]]`` for a kind of table: date, machine, files and result of the
+    sign test.
 
-    A test without machine, control, bump and runs is no evidence for the sense, but it may
-    contradict it.
+    A test without machine, control, bump and runs is no evidence for the sense, but may contradict
+    it.
     """
 
     kind: str
@@ -152,7 +146,6 @@ class SignTestRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
     runs_sha256: list[str] = []
 
     def as_toml(self) -> str:
-        """Return the record in the form of a profile."""
         lines = [
             f"{name} = {_toml(getattr(self, name))}"
             for name in self.__struct_fields__
@@ -171,8 +164,8 @@ def _toml(value: str | date | list[str]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """A validated profile. ``existing`` are the machine's own files, byte for byte; ``assumed`` is
-    true for the assumed profile of a provisional export.
+    """A checked profile. ``existing`` contains the machine's own files, byte for byte. ``assumed``
+    is true for the profile of an export without a profile.
     """
 
     machine: MachineSection
@@ -185,9 +178,6 @@ class Profile:
     source: str = "profile"
 
     def options_as(self, model: type[Options]) -> Options:
-        """Return the options in the section of a controller. Raises ``UsageError`` for the profile
-        of another controller.
-        """
         if not isinstance(self.options, model):
             raise UsageError(
                 f"{self.source}: machine.controller",
@@ -197,8 +187,9 @@ class Profile:
         return self.options
 
     def axis(self, letter: str) -> AxisSection:
-        """Return the section of axis X, Y or Z. Raises ``UsageError`` for an axis that the profile
-        does not name."""
+        """Return the section of axis X, Y or Z. Raises ``UsageError`` for an axis that is not in
+        the profile.
+        """
         if letter not in self.axes:
             raise UsageError(
                 f"{self.source}: axes.{letter}",
@@ -209,7 +200,9 @@ class Profile:
 
     @property
     def zone(self) -> dict[str, tuple[float, float]]:
-        """Return the part of its travel in which the tables fit best, for each axis with a zone."""
+        """Return the part of the travel in which the tables fit best, for each axis with such a
+        zone.
+        """
         return {
             letter: axis.working_mm
             for letter, axis in self.axes.items()
@@ -266,18 +259,17 @@ class Profile:
         return grid
 
     def grid_words(self, letter: str) -> str:
-        """Return a text with the ends and the step of the table positions of an axis."""
         grid = self.grid_mm(letter)
         return f"{grid[0]:g} to {grid[-1]:g} mm, step {self.axis(letter).step_mm:g}"
 
 
 def whole_steps(travel_mm: float, step_mm: float) -> int | None:
-    """Return the number of steps in a travel, None if it is not a whole number (controllers.md 3.2:
-    (MAX - MIN) / STEP must be an integer; a control also accepts another number, and then keeps old
+    """Return the number of steps in a travel, or None if it is not whole (controllers.md 3.2: (MAX
+    - MIN) / STEP must be an integer; a control also accepts other numbers, and then keeps old
     values).
 
-    Positions of a survey may make the travel slightly longer or shorter: by a digit of an encoder,
-    or by the rounding that incremental moves (G91) of few decimals accumulate.
+    The positions of a survey may make the travel slightly longer or shorter: by a digit of an
+    encoder, or by the accumulated rounding of incremental moves (G91) with few decimals.
     """
     count = round(travel_mm / step_mm)
     near = abs(travel_mm - count * step_mm) <= max(

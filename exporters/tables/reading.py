@@ -1,7 +1,3 @@
-"""The reading of tables from files: a table in two active files would act twice, so it is
-refused.
-"""
-
 from collections.abc import Sequence
 
 from stepdiag.base.errors import DataError
@@ -15,8 +11,8 @@ from stepdiag.exporters.tables.tables import Table
 def tables_in(
     controller: Controller, files: Sequence[ControlFile], profile: Profile
 ) -> tuple[Table, ...]:
-    """Return the tables that the control reads from files. Raises ``DataError`` for a table that
-    occurs twice, for example in a file and in a copy of this file.
+    """Return the tables that the control reads from files. Raises ``DataError`` for a table that is
+    in two files, such as a file and its copy, because its effect would be doubled.
     """
     tables = controller.parse(files, profile)
     seen: set[object] = set()

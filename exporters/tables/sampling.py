@@ -1,5 +1,5 @@
-"""The values of a table from a curve: sampled on the profile's grid, zero at the reference,
-quantised once.
+"""The values of a table from a curve: sampled on the profile's grid, zero at the reference, rounded
+once.
 """
 
 import numpy as np
@@ -11,12 +11,12 @@ from stepdiag.exporters.tables.tables import Law, Table
 
 
 def sampled_um(curve: Curve, profile: Profile) -> tuple[Vector, Vector, Vector]:
-    """Return the grid in mm, and the errors for travel in + and in - in um; the error in + is zero
+    """Return the grid in mm, and the errors for travel in + and in - in um. The error in + is zero
     at the reference position of the axis.
 
-    With ``machine.direction = "mean"`` both errors are the mean; otherwise the error in - is not
-    zero at the reference, but the reversal there. The interpolated table is zero at the reference,
-    not the curve: the reference need not be a point of the grid.
+    With ``machine.direction = "mean"`` both errors are the mean. With tables for both directions,
+    the error in - at the reference position is the reversal. The interpolated table, and not the
+    curve, is zero at the reference, because the reference need not be a point of the grid.
     """
     grid = profile.grid_mm(curve.input_axis)
     if profile.machine.direction == "mean":
@@ -28,7 +28,6 @@ def sampled_um(curve: Curve, profile: Profile) -> tuple[Vector, Vector, Vector]:
 
 
 def is_directional(curve: Curve, profile: Profile) -> bool:
-    """Return whether the table of a curve needs a column for each direction of travel."""
     return profile.machine.direction == "both" and curve.reverse_um is not None
 
 

@@ -1,5 +1,5 @@
-"""The contents of a control after new files have been loaded over old files: a new table overwrites
-the old table in the same place, and all other old tables stay.
+"""The tables of a control after loading: a new table overwrites the old table in the same place,
+and all other old tables stay.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
@@ -20,8 +20,8 @@ def overwritten(
 
 
 def copied(own: Iterable[ControlFile], new: Iterable[ControlFile]) -> tuple[ControlFile, ...]:
-    """Return the files of a folder after the files ``new`` were copied over ``own``: of files with
-    the same name (without the suffixes of exports) the later one.
+    """Return the files of a folder after the files ``new`` were copied over ``own``. Of two files
+    with the same name (without the suffixes of exports), the later file counts.
     """
     held = {plain_name(file.name).upper(): file for file in own}
     return tuple({**held, **{plain_name(file.name).upper(): file for file in new}}.values())

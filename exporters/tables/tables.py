@@ -1,7 +1,7 @@
 """A compensation table in a control, and the law that gives the movement from the table's numbers.
 
-A single function, ``correction_um``, applies every law, so that a new controller module states the
-behaviour of its control as data and cannot hide a sign.
+Only the function ``correction_um`` applies laws. So the module of a control states its behaviour as
+data, and contains no sign of its own.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -61,10 +61,10 @@ class Law:
     """The law by which a control applies a table (controllers.md 1).
 
     ``sense``: a positive value moves the output axis in - (``as-error``) or in +
-    (``as-compensation``). ``data``: values are absolute, or are the change from the previous point
-    in the + direction. ``between``: values are interpolated linearly, or change in a step when the
-    axis passes a point. ``ends``: outside the table the control uses the end value, or extends the
-    end section as a straight line.
+    (``as-compensation``). ``data``: a value is absolute, or is the change from the previous point
+    in the + direction. ``between``: between points the control interpolates linearly, or changes
+    the value in a step when the axis passes a point. ``ends``: outside the table the control uses
+    the end value, or extends the end section as a straight line.
     """
 
     sense: Sense
@@ -74,12 +74,11 @@ class Law:
 
     @property
     def factor(self) -> int:
-        """Return the movement for a table value of one: -1 for an error, +1 for a compensation."""
+        """Return the movement for a table value of 1: -1 for an error, +1 for a compensation."""
         return -1 if self.sense == "as-error" else 1
 
     @property
     def words(self) -> Message:
-        """Return a sentence that describes the law."""
         parts = [
             _LAW_WORDS[part] for part in (self.sense, self.data, self.between, self.ends)
         ]
@@ -102,7 +101,6 @@ class Multiplier:
     ends: Literal["held", "extended"] = "held"
 
     def at(self, position_mm: Vector) -> Vector:
-        """Return the factor at positions of the multiplier's axis."""
         inside = np.interp(position_mm, self.position_mm, self.value)
         return (
             _extended(position_mm, self.position_mm, self.value, inside)
@@ -112,7 +110,6 @@ class Multiplier:
 
     @property
     def is_straight(self) -> bool:
-        """Return whether the points of the multiplier lie on a straight line."""
         slope, zero_mm = self.line
         return slope != 0.0 and bool(
             np.allclose(self.value, slope * (self.position_mm - zero_mm), rtol=0, atol=1e-3)
@@ -183,7 +180,6 @@ class Table:
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """Return the identity of a table among the tables of a control, independent of its file."""
         place = tuple(
             sorted(
                 (key, str(value))
@@ -209,7 +205,7 @@ def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vect
     """Return the movement of the output axis by the table and its law, in um in the + direction, at
     positions of the input axis.
 
-    ``direction`` is the travel of the input axis, +1 or -1; a table of the opposite direction has
+    ``direction`` is the travel of the input axis, +1 or -1. A table of the opposite direction gives
     the movement 0. A product gives the movement for a multiplier of 1.
     """
     at = np.asarray(position_mm, dtype=np.float64)
@@ -217,8 +213,8 @@ def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vect
         return np.zeros(at.shape)
     absolute = table.absolute_um
     if table.law.between == "stepped":
-        # tolerance of 1 nm: a commanded position that differs from the point only by rounding has
-        # passed the point
+        # Tolerance of 1 nm: a commanded position that differs from the point only by rounding
+        # has passed the point.
         passed = np.searchsorted(table.position_mm, at + 1e-6, side="right") - 1
         return np.asarray(table.law.factor * absolute[np.clip(passed, 0, None)])
     moved = np.interp(at, table.position_mm, absolute)
@@ -228,7 +224,6 @@ def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vect
 
 
 def summed_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) -> Vector:
-    """Return the sum of `correction_um` over tables with the same input and output axis."""
     return sum(
         (correction_um(table, position_mm, direction) for table in tables),
         np.zeros(np.shape(position_mm)),
@@ -237,7 +232,7 @@ def summed_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) 
 
 def steps_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) -> Vector:
     """Return the part of `summed_um` that comes from steps: stepped tables minus the straight lines
-    that join their points.
+    between their points.
     """
     every = list(tables)
     straight = summed_um(map(joined, every), position_mm, direction)
@@ -245,7 +240,6 @@ def steps_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) -
 
 
 def _extended(at: Vector, position: Vector, value: Vector, inside: Vector) -> Vector:
-    """Return ``inside`` with the first and last section extended as straight lines."""
     low = value[0] + (at - position[0]) * (value[1] - value[0]) / (position[1] - position[0])
     high = value[-1] + (at - position[-1]) * (value[-1] - value[-2]) / (
         position[-1] - position[-2]
@@ -256,9 +250,6 @@ def _extended(at: Vector, position: Vector, value: Vector, inside: Vector) -> Ve
 def total_correction_um(
     tables: Iterable[Table], points_mm: Vector, direction: int = 1
 ) -> Vector:
-    """Return the displacement of the tool by all tables together at commanded points, shape
-    (N, 3).
-    """
     total = np.zeros(np.shape(points_mm))
     for table in tables:
         moved = correction_um(
@@ -273,7 +264,6 @@ def total_correction_um(
 
 
 def mean_correction_um(tables: Sequence[Table], points_mm: Vector) -> Vector:
-    """Return the mean of `total_correction_um` over both directions of travel."""
     return (
         total_correction_um(tables, points_mm, +1)
         + total_correction_um(tables, points_mm, -1)
@@ -281,16 +271,11 @@ def mean_correction_um(tables: Sequence[Table], points_mm: Vector) -> Vector:
 
 
 def joined(table: Table) -> Table:
-    """Return a stepped table with its points joined by straight lines: the curve that its steps
-    represent.
-    """
+    """Return a stepped table with its points joined by straight lines."""
     return replace(table, law=replace(table.law, between="linear"))
 
 
 def same_lever(one: Table, other: Table) -> bool:
-    """Return whether two tables have the same multiplier (the same numbers along the same axis) or
-    both have none.
-    """
     if one.multiplier is None or other.multiplier is None:
         return one.multiplier is other.multiplier
     there = other.multiplier.at(one.multiplier.position_mm)

@@ -217,8 +217,8 @@ def test_the_readme_begins_with_what_was_met_and_says_it_of_every_row() -> None:
         if line.startswith("| ")
     ]
     heads, rest = (
-        [row for row in rows if row[-1] == "met so far"],
-        [row for row in rows if row[-1] != "met so far"],
+        [row for row in rows if row[-1] == "tested with"],
+        [row for row in rows if row[-1] != "tested with"],
     )
     assert len(heads) == 2
     assert [row[0] for row in rest if not row[-1]] == ["any other"]

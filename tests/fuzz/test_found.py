@@ -249,7 +249,7 @@ def test_a_calibration_or_a_profile_too_large_to_be_one_is_not_read(
             "beckhoff",
             "a.lis",
             "kopf.achs_nr 1\nkw.ssfk.interval 1\nkw.ssfk.unit 1\nkw.ssfk.kw_nr_max 999999999999\n",
-            "as many",
+            "a number of points that the list contains",
         ),
         (
             "mitsubishi",
@@ -271,7 +271,7 @@ def test_a_calibration_or_a_profile_too_large_to_be_one_is_not_read(
             "siemens",
             "a.INI",
             f"$AN_CEC[0,{'9' * 30}]=1\nM17\n",
-            "a whole number that a control holds",
+            "a whole number within the range of the control",
         ),
         ("linuxcnc", "screw_x.comp", "0 0 0\n1e308 0 0\n", "three numbers"),
         (

@@ -1,5 +1,5 @@
 """A table with all tables that act together with it: their movement along an axis and over the
-volume, and the regressions on the requested movement.
+volume, and its regression on the requested movement.
 """
 
 from collections.abc import Sequence
@@ -22,21 +22,17 @@ from stepdiag.exporters.tables.tables import (
 POINTS = 61
 """Points along an axis at which two movements are compared."""
 COVERED = 0.5
-"""Share of the measured travel that a table has to cover."""
+"""Least share of the measured travel that a table must cover."""
 _SHIFTED = 3
-"""Number of points from either end for which the table is compared at the ends of the travel: a
-wrong number or reference shifts it by few points.
+"""Number of points at either end of a table that the search for a shift uses: a wrong point number
+or reference shifts a table by few points.
 """
 _EXCUSED = 0.25
-"""Share of a correction that its uncertainty may hide."""
+"""Largest share of a correction that its uncertainty may explain."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableCase:
-    """A table, all tables that act ``together`` with it, the tables active ``before``, and the
-    measured volume.
-    """
-
     table: Table
     together: Sequence[Table]
     before: Sequence[Table]
@@ -44,7 +40,6 @@ class TableCase:
 
     @property
     def is_slope(self) -> bool:
-        """Return whether the table consists of one number, the slope of a straight line."""
         straight = len(self.table.position_mm) == 2 and self.table.law.ends == "extended"
         return straight and self.table.multiplier is None
 
@@ -52,9 +47,9 @@ class TableCase:
         """Return the regression of the table's correction on the correction that ``curve``
         requests; None if the table covers less than half of the measured travel.
 
-        A right table contains, at its own points, the sum of all earlier tables and of the
-        requested curve; between its points straight lines are accepted. ``turn_um_mm`` is the slope
-        that a mere rotation of the workpiece adds to the table, which is no error.
+        At its own points, a right table contains the sum of all earlier tables and of the requested
+        curve. Between its points, straight lines are accepted. ``turn_um_mm`` is a slope that only
+        rotates the workpiece, which is no error.
         """
         own = (
             curve.position_mm[[0, -1]] if self.is_slope else self.table.position_mm + shift_mm
@@ -67,8 +62,8 @@ class TableCase:
         asked = centred(held - before)
         moved = centred(self.sum_um(self.together, at - shift_mm) - before - turn_um_mm * at)
         size, unheld = rms(centred(error)), rms(centred(held - before + error))
-        # the survey's uncertainty excuses little: the table is judged by this result's request, not
-        # by the machine
+        # The uncertainty of the survey excuses little: the table is compared with this
+        # result, not with the machine.
         sure = max(
             SURE_UM, self.table.quantum_um, min(2.0 * typical_u(curve), _EXCUSED * size)
         )
@@ -83,16 +78,13 @@ class TableCase:
         )
 
     def place_mm(self, curve: Curve, fit: Fit) -> float:
-        """Return the point of the table that is nearest to the largest residual of a regression on
-        a curve.
-        """
         own = self.table.position_mm
         at = _common_mm(curve, own)[fit.largest_index]
         return float(own[np.argmin(np.abs(own - at))])
 
     def shifts_mm(self) -> list[float]:
-        """Return the shifts that bring one of the table's first points to the low end of the
-        travel, or one of the last to the high end.
+        """Return the shifts that move one of the first points of the table to the low end of the
+        travel, or one of its last points to the high end.
         """
         low, high = self.travel_mm(self.table.input_axis)[[0, -1]]
         own = self.table.position_mm[: 0 if self.table.law.ends == "extended" else None]
@@ -100,25 +92,25 @@ class TableCase:
         return [float(shift) for shift in shifts if abs(shift) > ROUNDING_MM]
 
     def slope_left_um_mm(self, curve: Curve) -> float:
-        """Return the slope in um/mm of the residual of a curve."""
         at = _common_mm(curve, curve.position_mm)
         left = self.sum_um(self.together, at) - self.sum_um(self.before, at) + curve.at(at)
         return float(np.polyfit(at, left, 1)[0])
 
     def unstepped(self, curve: Curve) -> Curve:
         """Return a residual without the steps of the tables that were active during the
-        measurement: no table needs these steps (`tables.merge`).
+        measurement, because no table needs these steps (`tables.merge`).
         """
         curves = [each for each in self.before if each.multiplier is None]
         steps = sum(steps_um(curves, curve.position_mm, way) / 2.0 for way in (1, -1))
         return replace(curve, forward_um=curve.mean_um - steps, reverse_um=None)
 
     def sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
-        """Return the movement by tables at positions, mean of both directions, steps joined by
-        straight lines, in um.
+        """Return the movement by tables at positions, in um: the mean of both directions, with
+        straight lines in place of steps.
 
-        Beside a curve, a product counts with its mean over the other axis. If the judged table is a
-        product, its growth from the middle of the volume to the end of the lever counts.
+        If the judged table is a curve, a product counts with its mean over the other axis. If the
+        judged table is a product, its growth from the middle of the volume to the end of the lever
+        counts.
         """
         return sum(
             (
@@ -130,7 +122,6 @@ class TableCase:
         )
 
     def _along(self, table: Table, position_mm: Vector, way: int) -> Vector:
-        """Return the movement by a table along the input axis of the judged table."""
         lever = table.multiplier
         if lever is None:
             return correction_um(table, position_mm, way)
@@ -149,14 +140,10 @@ class TableCase:
         return along * float(np.mean(even * across)) / rms(even) ** 2
 
     def travel_mm(self, letter: str) -> Vector:
-        """Return points from end to end of the measured travel of an axis X, Y or Z."""
         return self.volume.even_mm(AXES.index(letter.lower()), POINTS)
 
 
 def _common_mm(curve: Curve, own_mm: Vector) -> Vector:
-    """Return points over the part of a curve that lies between positions of a table, descending
-    where there is no such part.
-    """
     first, last = curve.position_mm[[0, -1]]
     return np.linspace(max(first, own_mm[0]), min(last, own_mm[-1]), POINTS)
 

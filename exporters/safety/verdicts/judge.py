@@ -1,5 +1,5 @@
-"""The verdict on every table of a set, and on every function without a table: the words for the
-explanations of `regression`.
+"""The verdict on every table of a set, and on every function without a table, with the sentences
+for the explanations of `regression`.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,11 +24,11 @@ from stepdiag.exporters.tables.tables import Table
 def judge(
     result: Result, tables: Sequence[Table], standing: Standing, profile: Profile
 ) -> tuple[Judgement, ...]:
-    """Return a judgement for every table, in their order: by the effect of all active tables in the
-    control afterwards, old tables among them.
+    """Return a judgement for every table, in order, by the effect of all tables that are active in
+    the control after loading, including old tables.
 
     Tables that act together (two directions, two kinds for a function) are judged by their sum. A
-    table of a function outside the request that stays as before is "kept".
+    table of a function that was not requested and stays as before is "kept".
     """
     after, before = standing.acting(result, profile)
     wanted = Wanted(result)
@@ -45,8 +45,8 @@ def judge(
         or _compared(case, wanted, turns.get(case.table.name, 0.0))
         for case in map(case_of, tables)
     ]
-    # a control has zeros for functions outside the request, and zeros alone remove every
-    # correction, as restore files do
+    # Zeros for functions that were not requested are normal. Zeros alone remove every
+    # correction, as restore files do.
     asked = profile.machine.functions if any(table.value_um.any() for table in tables) else ()
     return tuple(
         replace(each, code="empty")
@@ -57,7 +57,6 @@ def judge(
 
 
 def _compared(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
-    """Return the judgement of a table by the regressions on the requests of the result."""
     name = case.table.name
     requests = wanted.as_slope(name) if case.is_slope else wanted.of(name)
     own = [case.unstepped(curve) for curve in requests]
@@ -83,9 +82,6 @@ def _compared(case: TableCase, wanted: Wanted, turn_um_mm: float) -> Judgement:
 
 
 def _sentence(case: TableCase, found: Explained, asked: Curve) -> Message:
-    """Return the sentence about the explanation of a movement, in which ``asked`` is a request for
-    the table's own function.
-    """
     fit, (first_mm, last_mm) = found.fit, case.table.position_mm[[0, -1]]
     low_mm, high_mm = case.travel_mm(case.table.input_axis)[[0, -1]]
     if found.code == "beside-volume" and fit is None:
@@ -117,7 +113,6 @@ def _sentence(case: TableCase, found: Explained, asked: Curve) -> Message:
 
 
 def _says(case: TableCase, code: Code, words: Message, fit: Fit | None = None) -> Judgement:
-    """Return a judgement with the figures of a regression on the table's own function."""
     return Judgement(
         function=case.table.name,
         table=case.table,
@@ -138,12 +133,12 @@ def _fits(
 
 
 def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
-    """Return, for each pair of axes whose two straightness functions both have tables, the slopes
-    in um/mm that together only rotate the workpiece.
+    """Return, for each pair of axes with tables for both straightness functions, the slopes in
+    um/mm that together only rotate the workpiece.
 
-    Old tables, levers and the choice of the function that holds a squareness change this rotation
-    from calibration to calibration: it raises the slope of one function by as much as it lowers the
-    slope of the other function.
+    This rotation changes from calibration to calibration, with old tables, levers, and the function
+    that contains a squareness. The rotation raises the slope of one function by as much as it
+    lowers the slope of the other function.
     """
     left = {
         case.table.name: case.slope_left_um_mm(curves[0])
@@ -158,9 +153,9 @@ def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
 
 
 def _settled(case: TableCase, standing: Standing, profile: Profile) -> Judgement | None:
-    """Return the judgement of a table that needs no comparison: for another measuring system, of a
-    function outside the request that moves the axis as before, or of zeros beside a table that
-    makes the correction.
+    """Return the judgement of a table that needs no comparison: a table for another measuring
+    system, an unchanged table of a function that was not requested, or zeros beside a table with
+    the correction.
     """
     table = case.table
     system = table.place.get("measuring system")
@@ -183,12 +178,12 @@ def _settled(case: TableCase, standing: Standing, profile: Profile) -> Judgement
 def judge_missing(
     result: Result, controller: Controller, new: Sequence[Table], profile: Profile
 ) -> Iterator[Judgement]:
-    """Yield a judgement for each function of the profile requested by the result, possible on this
-    control, and missing in ``new``.
+    """Yield a judgement for each function that the result and the profile request, that this
+    control can correct, and that is missing in ``new``.
 
-    Files without any correction lack no function: they remove old tables. Without a profile the
-    files may hold each squareness in either of its two functions; the distribution with the fewest
-    missing functions is used.
+    Files without any correction lack no function, because they remove old tables. Without a
+    profile, the files may contain each squareness in either of its two functions. The assignment
+    with the fewest missing functions is used.
     """
     if not any(table.value_um.any() for table in new):
         return
@@ -212,15 +207,13 @@ def _lacking(
     profile: Profile,
     fold: Mapping[str, str],
 ) -> dict[str, float]:
-    """Return the sizes in um of the requested functions of a profile that exceed rounding, and have
-    tables on the control but not in ``new``.
-    """
     known = [name for name in profile.machine.functions if is_known(result, name, fold)]
     fit = fitted(result, known, fold, profile.zone)
     try:
         planned = plan_of(controller, fit.curves, fit.products, profile).tables
     except (SafetyError, UsageError):
-        # a profile whose tables cannot be made does not show the contents of the control
+        # If the tables of the profile cannot be made, the contents of the control are
+        # unknown.
         return {}
     held = {table.name for table in new}
     quantum_um = {table.name: table.quantum_um for table in planned if table.name not in held}

@@ -1,8 +1,8 @@
-"""A lattice judged function by function: the correction that it adds is separated into curves
-(means over the other two axes) and products (parts proportional to a lever).
+"""Verdicts on a lattice, function by function: its correction is separated into curves (means over
+the other two axes) and products (parts proportional to a lever).
 
-Together they are the best tables for the lattice (`tables.fit`), so the verdicts are those of
-tables.
+These curves and products are the best tables for the lattice (`tables.fit`), so the verdicts on
+tables apply.
 """
 
 from collections.abc import Callable, Iterator
@@ -34,20 +34,20 @@ Axes = tuple[Vector, Vector, Vector]
 
 
 def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judgement, ...]:
-    """Return a judgement for every function and product of the addition of a lattice with these
-    ``axes_mm``.
+    """Return a judgement for every function and every product in the correction of a lattice with
+    the axes ``axes_mm``.
 
-    Unmeasured angles count with their expected values, as they do in a lattice.
+    Unmeasured angles count with their expected values, as in the lattice.
     """
     parts = parts_of(moved_um, axes_mm, result.volume)
-    # no profile enters a judgement of a lattice: the neutral control stands in
+    # The judgement of a lattice needs no profile, so it uses the neutral control.
     stand_in = quick_profile(controller_named("neutral"), result.volume)
     known = replace(result, errors={**result.errors, **result.expected})
     return judge(known, parts, Standing(after=parts, new=parts), stand_in)
 
 
 def parts_of(moved_um: Moved, axes_mm: Axes, volume: Volume) -> tuple[Table, ...]:
-    """Return the addition of a lattice as tables: a curve for each of the nine functions in their
+    """Return the correction of a lattice as tables: a curve for each of the nine functions in
     order, then the parts that grow with a lever.
     """
     return (
@@ -60,10 +60,11 @@ def parts_of(moved_um: Moved, axes_mm: Axes, volume: Volume) -> tuple[Table, ...
 
 
 def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
-    """Yield the losses if a correction of the whole field takes the place of ``moved_um``, which
-    was off during the measurement.
+    """Yield the losses if a correction of the whole field replaces the old correction ``moved_um``,
+    which was off during the measurement.
 
-    An error if the result lacks a function of the old correction, a warning if it lacks the slope.
+    A loss is an error if the result lacks a function of the old correction, a warning if it lacks
+    only the slope.
     """
     volume = result.volume
     for name in FUNCTIONS:
@@ -76,11 +77,10 @@ def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
 
 
 def _curve(name: str, moved_um: Moved, at_mm: Vector, volume: Volume) -> Table:
-    """Return the mean of the movement of an output axis over the volume, at positions along the
-    input axis.
+    """Return the mean movement of an output axis over the volume, at positions along the input
+    axis.
 
-    A lattice, like a table, has to be right at its own points; the error that its spacing leaves
-    between them is not judged.
+    A lattice, like a table, is judged only at its own points.
     """
     output, moving = (AXES.index(letter.lower()) for letter in name[1:])
     along = [volume.nodes_mm(axis) for axis in range(3)]
@@ -92,9 +92,6 @@ def _curve(name: str, moved_um: Moved, at_mm: Vector, volume: Volume) -> Table:
 
 
 def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
-    """Yield the part that grows with a lever, for every output, axis and lever where it exceeds
-    rounding.
-    """
     for output, (moving, by) in product("XYZ", permutations(range(3), 2)):
         name, at = f"E{output}{'XYZ'[moving]}", volume.nodes_mm(moving)
         grown = growing_um(moved_um, volume, f"{name}*{'XYZ'[by]}")

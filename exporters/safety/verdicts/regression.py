@@ -1,21 +1,20 @@
-"""Theory of operation: the test whether a table is right. This decision is made only in this
-module.
+"""The test whether a table is right. No other module decides whether a table is right.
 
-The movement by the files, by the control's law, is regressed on the result's request, function by
-function:
+The movement by the files, under the control's law, is regressed on the request of the result,
+function by function:
 
     moved = factor * asked + rest
 
-The factor is 1 for a right table and -1 for a turned sign; if two tables are swapped, the factor
-for another function is 1; if the table lies beside the volume, the factor at another place is 1;
-any other factor with a small rest means a table of the wrong size. A large rest means a table of
-another function or machine, and a movement of zero a missing table. The rest is at right angles to
-the request, so a table's residue of an error follows from the two: hypot(1 - factor, rest / asked).
+A right table has the factor 1, a table with a turned sign the factor -1. If two tables are swapped,
+the factor for another function is 1. If the table is shifted, the factor at another place is 1. Any
+other factor with a small rest means a table of the wrong size. A large rest means a table of
+another function or machine. A movement of zero means a missing table. The rest is orthogonal to the
+request, so the share of the error that stays with the table is hypot(1 - factor, rest / asked).
 
-Sizes are rms over points of equal weight with their means taken off: an origin is no error. Three
-sizes excuse a difference. ``sure_um`` is the part hidden by rounding and the result's uncertainty.
-``unheld_um`` is the part that a table with these points cannot represent. The value ``spike_um`` is
-the largest plausible scatter at a single place by these two and a tolerated size.
+Sizes are rms over points of equal weight, without their mean, because an origin is no error. Three
+sizes excuse a difference. ``sure_um`` is the effect of rounding and of the uncertainty of the
+result. ``unheld_um`` is the part that a table with these points cannot represent. ``spike_um`` is
+the largest plausible scatter at a single place, from the first two sizes and a tolerated size.
 """
 
 import math
@@ -29,23 +28,23 @@ from stepdiag.base.volume import Vector, rms
 from stepdiag.exporters.safety.verdicts.verdict import Code
 
 SAME = 0.4
-"""Largest residue of an error, as a share, with a right table: the change that another survey of an
-ordinary machine finds.
+"""Largest share of an error that may remain with a right table: the change of an ordinary machine
+between two surveys.
 """
 SIZED = 0.15
-"""Largest share by which a table may differ in size from the right table: rounding stays below it
+"""Largest share by which the size of a table may differ from the right size. Rounding causes less
 in every export.
 """
 SHAPED = math.sqrt(1.0 - 0.9**2)
-"""Largest share of a movement outside the request's shape that counts as the right table in another
+"""Largest share of a movement with another shape than the request, for a right table in another
 size: a correlation of 0.9, about the residue `SAME` of a table of the right size.
 """
 OTHER, EXACT = 0.35, 0.1
-"""Largest residue at which another function is named; and the residue of a clear case of another
-function or place, which has priority over a size.
+"""Largest residue at which the verdict names another function; and the residue of a clear case of
+another function or place, which has priority over another size.
 """
 SPIKE = 3.0
-"""Largest excused difference of a table at a single place, relative to the excused size: about the
+"""Largest excused difference of a table at a single place, relative to the excused rms: about the
 largest value of a normal scatter.
 """
 SURE_UM = 0.2
@@ -54,7 +53,7 @@ SURE_UM = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """One regression. The size of the request is ``asked_um``; ``size_um`` is the size of the
+    """One regression. ``asked_um`` is the size of the request. ``size_um`` is the size of the
     error, to which shares refer.
     """
 
@@ -70,7 +69,6 @@ class Fit:
 
     @property
     def moved_um(self) -> float:
-        """Return the size of the movement."""
         return float(np.hypot(self.factor * self.asked_um, self.rest_um))
 
     def left(self, factor: float = 1.0) -> float:
@@ -94,7 +92,7 @@ class Fit:
 
     @property
     def is_alike(self) -> bool:
-        """Return whether the movement corrects the error in its right size, except at one place, or
+        """Return whether the movement corrects the error in its right size except at one place, or
         both are too small to separate.
         """
         off_um = abs(self.factor - 1.0) * self.asked_um - self.unheld_um
@@ -107,7 +105,6 @@ class Fit:
 
     @property
     def is_right(self) -> bool:
-        """Return whether the movement corrects the error everywhere."""
         return self.is_alike and self.largest_um <= self.spike_um
 
 
@@ -130,7 +127,7 @@ def regress(moved_um: Vector, asked_um: Vector) -> Fit:
 class Explained(NamedTuple):
     """Explanation of a movement: the verdict, its regression, and the other function or place.
 
-    A table that is "unlike" at one place only has a regression, a table of another machine none.
+    A table that is "unlike" at one place has a regression; a table of another machine has none.
     """
 
     code: Code
@@ -145,12 +142,12 @@ def explain(
     others: Iterable[tuple[str, Fit]],
     shifted: Iterable[tuple[float, Fit]],
 ) -> Explained:
-    """Return the explanation of a movement by its regressions on its ``own`` function, a regression
-    per possible form of the request.
+    """Return the explanation of a movement. ``own`` contains the regressions on its own function,
+    one per possible form of the request.
 
-    The regressions ``turned`` are the same with the workpiece turned: they can only show that a
-    table is right. ``others`` are regressions on the other functions, ``shifted`` regressions at
-    other places; they are computed only on demand.
+    ``turned`` contains the same regressions for a rotated workpiece, which can only show that a
+    table is right. ``others`` contains regressions on the other functions, ``shifted`` regressions
+    at other places; both are computed only on demand.
     """
     every = (*own, *turned)
     right = [fit for fit in every if fit.is_right]
@@ -180,8 +177,8 @@ def explain(
         shift, fit = min(elsewhere, key=lambda each: each[1].left())
         return Explained("beside-volume", fit, shift_mm=shift)
     sized = [fit for fit in own if fit.left_scaled <= SHAPED and fit.is_large]
-    # the shapes of two slopes differ by rounding alone, so among equals the one with the smallest
-    # residual of the table wins
+    # The shapes of two slopes differ only by rounding, so among equal explanations the
+    # smallest residual of the table decides.
     if sized:
         best = min(sized, key=lambda fit: (round(fit.left_scaled, 3), fit.left()))
         return Explained("scaled", best)
@@ -190,11 +187,11 @@ def explain(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """The regression of a measurement by a laser on the effects of several tables: ``factor`` and
-    ``u`` (k = 1) of each, shape (tables,).
+    """The regression of laser readings on the effects of several tables: ``factor`` and ``u`` (k =
+    1) of each table, shape (tables,).
 
     The matrix ``weigh`` (rows, readings) gives readings equal scatter ``sigma_um`` and removes the
-    free columns; ``values`` are the weighted measured values.
+    free columns. ``values`` contains the weighted readings.
     """
 
     factor: Vector
@@ -207,7 +204,8 @@ class Measured:
         self, table_um: Vector, beside_um: Vector, others_um: Sequence[Vector] = ()
     ) -> tuple[float, float]:
         """Return the factor of a table with its u, after ``beside_um`` is subtracted from the
-        readings, with other tables of any size; u is infinite where these hide the table.
+        readings, while ``others_um`` may have any size. u is infinite if the other tables hide the
+        effect of the table.
         """
         column = self.weigh @ table_um
         if others_um:
@@ -227,9 +225,11 @@ class Measured:
 
 
 HIDDEN = 1e-9
-"""Share of a table that rounding alone leaves if other tables move the laser in the same way."""
+"""Share of the effect of a table that remains by rounding alone if other tables move the laser in
+the same way.
+"""
 LEAST_SCATTER_UM = 0.1
-"""No laser and no axis has a smaller scatter; the fit of a few readings can show a smaller one by
+"""Least scatter of a laser or an axis. The fit of a few readings can show a smaller scatter by
 chance.
 """
 
@@ -237,13 +237,13 @@ chance.
 def measured(
     values_um: Vector, tables_um: Vector, free: Vector, held: Vector, scatter: Vector
 ) -> Measured:
-    """Return the regression of readings (N,) on tables (N, T), with the columns ``free`` beside
-    them, and the columns ``held`` (N, H) within a standard deviation of 1 each. The covariance of
-    the readings is ``scatter`` (N, N) except for its size, which the residuals show.
+    """Return the regression of readings (N,) on tables (N, T). The columns ``free`` may have any
+    size, and the columns ``held`` (N, H) have a standard deviation of 1 each. The covariance of the
+    readings is ``scatter`` (N, N) except for its size, which the residuals show.
     """
     size_um = 1.0
-    # the scatter sets how much the held columns count, and they change the scatter: it settles in
-    # two rounds
+    # The scatter determines the weight of the held columns, and these columns change the
+    # scatter. Two rounds are enough.
     for _ in range(3):
         root = np.linalg.inv(np.linalg.cholesky(scatter + held @ held.T / size_um**2))
         beside = np.linalg.qr(root @ free)[0]

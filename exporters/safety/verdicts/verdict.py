@@ -1,4 +1,4 @@
-"""The verdicts on a table, in a word for programs and a sentence for people."""
+"""The verdicts on a table: a word for programs and a sentence for people."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -21,15 +21,16 @@ Code = Literal[
     "unlike",
 ]
 HARMLESS: frozenset[Code] = frozenset({"right", "empty", "kept", "unidentified"})
-"""Verdicts with which a file may still be loaded."""
+"""Verdicts with which a file may be loaded."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """The verdict on a table, or on a function without a table (``table`` None).
+    """The verdict on a table, or on a function without a table (``table`` is None).
 
-    The ``factor`` is the table's size relative to the right table, ``rms_um`` and ``largest_um``
-    are its difference from the right table at this size, along the axis; None without a comparison.
+    ``factor`` is the size of the table relative to the right table. ``rms_um`` and ``largest_um``
+    are the difference from the right table in this size, along the axis; None without a
+    comparison.
     """
 
     function: str
@@ -42,16 +43,13 @@ class Judgement:
 
     @property
     def text(self) -> str:
-        """Return the English sentence."""
         return str(self.words)
 
     @property
     def harmless(self) -> bool:
-        """Return whether the table may be loaded by this verdict."""
         return self.code in HARMLESS
 
     def as_json(self) -> dict[str, object]:
-        """Return the entry of ``verify --json``."""
         table = self.table
         return {
             "function": self.function,

@@ -1,5 +1,5 @@
-"""The curves requested by a result, in the form of a table of an axis, of a product of two tables,
-or of a control with a slope per pair.
+"""The curves that a result requests, in the form of a table of one axis, of a product of two
+tables, or of a control with one slope per pair of axes.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,7 +21,7 @@ from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
 
 
 class Wanted:
-    """The curves requested by the result, each squareness in either of its two functions."""
+    """The curves that a result requests, with each squareness in either of its two functions."""
 
     def __init__(self, result: Result) -> None:
         self._result = result
@@ -32,10 +32,11 @@ class Wanted:
                 self._curves[curve.name].append(curve)
 
     def of(self, name: str) -> list[Curve]:
-        """Return the forms of the request for a function, none if the result does not identify it.
+        """Return the forms of the request for a function, none if the result does not identify the
+        function.
 
         The request for a product, such as ``EYX*Z``, is the part of the error that is proportional
-        to the lever; a product with a lever along its own axis is a curve.
+        to the lever. A product whose lever is along its own axis is a curve.
         """
         if "*" not in name or name[2] == name[-1]:
             return self._curves[name[:3]]
@@ -69,13 +70,12 @@ class Wanted:
 
 
 def mirrored(name: str) -> str:
-    """Return the name of a function with input and output axis exchanged."""
     return f"E{name[2]}{name[1]}"
 
 
 def angle_of(product: str) -> str:
-    """Return the angular function whose lever is the product, such as EAX for ``EYX*Z``; an empty
-    name where no angle moves the output axis with this lever.
+    """Return the angular function of a product, such as EAX for ``EYX*Z``; empty if no angle moves
+    the output axis with this lever.
     """
     turns = [
         turn for axis, turn in zip("XYZ", "ABC", strict=True) if axis not in product[1::3]
@@ -85,10 +85,9 @@ def angle_of(product: str) -> str:
 
 def growing_um(field_um: Callable[[Vector], Vector], volume: Volume, name: str) -> Vector:
     """Return the part of a field that is proportional to the lever of a product such as ``EYX*Z``:
-    its values at the end of the lever, at the nodes of the input axis.
+    the values at the end of the lever, at the nodes of the input axis, without their mean.
 
-    The curves of single axes drop out, because the mean of the lever is zero. The mean of the part
-    is subtracted.
+    The mean of the lever is zero, so the curves of single axes drop out.
     """
     output, moving, by = ("XYZ".index(letter) for letter in (name[1], name[2], name[4]))
     nodes = volume.increments + 1
@@ -99,12 +98,11 @@ def growing_um(field_um: Callable[[Vector], Vector], volume: Volume, name: str) 
 
 
 def centred(values: Vector) -> Vector:
-    """Return values less their mean."""
     return np.asarray(values - np.mean(values))
 
 
 def is_known(result: Result, name: str, fold: Mapping[str, str]) -> bool:
-    """Return whether a result identifies a function with the squareness that ``fold`` puts into
+    """Return whether a result identifies a function, and the squareness that ``fold`` assigns to
     it.
     """
     squares = (square for square, target in fold.items() if target == name)

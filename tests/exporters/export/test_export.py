@@ -189,7 +189,7 @@ class TestQuickLook:
             step_mm=50.0,
             out_dir=tmp_path,
         )
-        assert "EXX: ONLY THE SHAPE" in report.text
+        assert "EXX: the tables contain ONLY THE SHAPE" in report.text
         assert ("shape-only", "warning") in {
             (item.key, item.severity) for item in report.findings
         }
@@ -346,8 +346,8 @@ def test_a_table_that_does_not_stand_where_it_was_measured_says_what_it_leaves(t
     )
     assert len(wide) == 1
     assert (
-        "up to: EXX 2.0 µm, EYX 0.5 µm; take a step that includes these positions, or a "
-        "smaller step" in wide[0]
+        "up to: EXX 2.0 µm, EYX 0.5 µm. Choose a step that includes the measured "
+        "positions, or a smaller step" in wide[0]
     )
     for step_mm in (100.0, 50.0):
         fine = export(
@@ -494,7 +494,7 @@ class TestSafetyChecks:
             made_result({"EXX": [0, 105, 210, 315, 420]}), machine(units="inch"), tmp_path
         )
         assert "the profile states inch [units-not-metric]" in str(refusal)
-        assert "das Profil nennt inch [units-not-metric]" in in_german(refusal)
+        assert "das Profil nennt aber inch [units-not-metric]" in in_german(refusal)
 
 
 class TestChecksOnTables:

@@ -276,7 +276,7 @@ class TestPunchFiles:
         both = [set(numbers) for numbers in map(stored_in, plan.tables)]
         shared = both[0] & both[1]
         assert (
-            f"both use pitch points {min(shared)} to {max(shared)}: give the axes"
+            f"both use pitch points {min(shared)} to {max(shared)}: give each axis"
             in found.text
         )
         assert min(shared) < max(shared)

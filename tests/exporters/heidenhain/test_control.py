@@ -157,7 +157,7 @@ def test_two_directions_become_their_mean_and_a_remark():
     """The sense of the BACKLASH column is not public: it stays 0, and the reversal is named."""
     result = made_result({"EXX": [4.0, 1.0, 0.0, -2.0, -5.0]}, reversal={"EXX": [-6.0] * 5})
     files, plan = files_of(profile(direction="both"), ("EXX",), result)
-    assert "EXX: the mean of both directions is written, the reversal is left" in next(
+    assert "EXX: the table contains the mean of both directions; the backlash" in next(
         f.text for f in plan.findings if f.key == "direction-averaged.written"
     )
     assert cells(files["AXIS_AX1.COM"])[2][3] == "+0.0040"

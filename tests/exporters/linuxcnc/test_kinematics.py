@@ -520,7 +520,7 @@ class TestExport:
         if known:
             export(result, "linuxcnc", of, out_dir=tmp_path / "files")
             return
-        with pytest.raises(SafetyError, match="old table holds a slope") as refused:
+        with pytest.raises(SafetyError, match="the slope of the old table") as refused:
             export(result, "linuxcnc", of, out_dir=tmp_path / "files")
         assert refused.value.code == "old-table-lost.slope-of-table"
         export(
@@ -585,8 +585,8 @@ class TestExport:
             return
         with pytest.raises(
             SafetyError,
-            match=f"lattice, X: {start_mm:g} to {end_mm:g} mm, the measured travel is -200 to "
-            "200 mm",
+            match=f"the lattice covers X only from {start_mm:g} to {end_mm:g} mm, the measured "
+            "travel is -200 to 200 mm",
         ) as refused:
             written(tmp_path / "out", of)
         assert refused.value.code == "beyond-travel.lattice"

@@ -241,7 +241,7 @@ def test_a_run_along_other_stops_proves_nothing():
             after,
             [rig.table("EXX")],
         )
-    with pytest.raises(DataError, match="move the machine"):
+    with pytest.raises(DataError, match="change the readings"):
         prove(RESULT, before, after, [replace(rig.table("EXX"), value_um=np.zeros(11))])
 
 

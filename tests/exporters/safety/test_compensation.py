@@ -258,7 +258,7 @@ class TestAnglesWhoseLeversAreGone:
     def test_a_solution_says_that_it_left_them_out(self):
         found = left_out({"lattice.csv": LATTICE})
         assert (found.key, found.severity) == ("angles-left-out", "warning")
-        assert "lattice.csv was active while measuring" in found.text
+        assert "lattice.csv was active during the measurement" in found.text
         assert left_out(PLAIN) is None
 
     @pytest.mark.parametrize(

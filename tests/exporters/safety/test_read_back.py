@@ -132,7 +132,10 @@ class TestSinumerik:
         name = "$AA_ENC_COMP[0,2,AX1]"
         machine.held[name] = f"{float(machine.held[name]) + 1e-4:.4f}"
         (text,) = differs(machine).values()
-        assert "1 numbers in the control are not as written, the first at X 0 mm" in text
+        assert (
+            "1 numbers in the control differ from the written numbers. The first is at X 0 mm"
+            in text
+        )
 
     def test_another_grid_and_an_exchanged_axis_show(self) -> None:
         _, _, programs = planned()

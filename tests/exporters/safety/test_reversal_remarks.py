@@ -56,7 +56,7 @@ def test_it_comes_on_top_of_what_the_parameter_held_while_measuring():
     """Measured with 5 µm at work, 8.21 µm less are asked for: who enters the number alone takes the
     5 µm away."""
     (text,) = said_of(KNOWN, "reversal-value")
-    assert text.endswith("to be added to the value of the backlash parameter while measuring")
+    assert text.endswith("that the backlash parameter had during the measurement")
     assert said_of(KNOWN, "reversal-value", backlash_um=5.0) == [text], (
         "what the control holds now may have the number in it already"
     )
@@ -103,7 +103,7 @@ def test_the_kinematics_component_leaves_it_to_backlash_with_the_number(tmp_path
         KNOWN, "linuxcnc", replace(profile, options=options), out_dir=tmp_path / "out"
     )
     (text,) = (finding.text for finding in report.findings if finding.key == "reversal-value")
-    assert text.endswith("to be added to the value of the backlash parameter while measuring")
+    assert text.endswith("that the backlash parameter had during the measurement")
 
 
 def test_a_table_for_each_direction_is_not_written_for_chance():

@@ -95,8 +95,8 @@ class TestPrediction:
             ]
             for new, old in ((half, whole), (whole, half))
         )
-        assert [text.partition(", ")[2].partition(" by")[0] for text in worse] == [
-            "with the tables that are in the control now"
+        assert [text.partition("; ")[2].partition(" the rms")[0] for text in worse] == [
+            "with the present tables of the control"
         ]
         assert better == []
 

@@ -387,13 +387,13 @@ class TestSignTest:
 
     def test_a_control_that_adds_linked_tables_is_found_out_without_harm(self) -> None:
         """The other reading of the manual: the axis moves by a tenth of a millimetre, and the
-        verdict is that products are not for it."""
+        verdict is that products of tables cannot be used."""
         test = bump(SIEMENS, profile(), "EYX*Z")
         run = self.driven(test, adds_linked=True)
         assert np.max(np.abs(run[2])) < 300.0
         found = verdict(test, *run)
         assert found.sense is None
-        assert "products are not for it" in found.text
+        assert "products of tables cannot be used" in found.text
 
     @pytest.mark.parametrize("function", ["EYX*X", "EYX*Q", "EYX*", "EYX**Z", "QQQ*Z"])
     def test_a_product_that_is_none_is_refused(self, function: str) -> None:

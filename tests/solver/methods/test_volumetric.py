@@ -87,7 +87,7 @@ def test_what_a_heads_angles_are_said_to_leave_is_what_they_leave(setups):
     text = next(
         finding.text for finding in found.findings if finding.code == "angles-unmeasured"
     )
-    told = float(re.search(r"with the angles of a head about (\S+) µm", text)[1])
+    told = float(re.search(r"about (\S+) µm with the angles of a 4-DOF head", text)[1])
     assert told == pytest.approx(with_angles.volumetric_u_um, rel=0.03)
     assert told < 0.98 * found.volumetric_u_um
 
@@ -250,7 +250,9 @@ def test_waves_that_only_a_finer_run_shows_are_expected_of_what_was_not_driven_f
         finding.text for finding in result.findings if finding.code == "increments-coarse"
     ]
     assert [
-        text.startswith("EYX, EZX, EXY, EZY, EXZ, EYZ: a finer run shows waves of ")
+        text.startswith(
+            "EYX, EZX, EXY, EZY, EXZ, EYZ: a run with smaller increments shows waves of "
+        )
         for text in named_so
     ] == [True] * named
 

@@ -234,7 +234,12 @@ def test_table_with_a_hole_is_refused(passes):
         (
             np.linspace(0, 3000, 11),
             1,
-            ["300 mm between targets; an axis above 2000 mm needs at most 250 mm"],
+            [
+                (
+                    "the interval between targets is 300 mm; an axis longer than 2000 mm needs "
+                    "an interval of at most 250 mm"
+                )
+            ],
         ),
     ],
 )

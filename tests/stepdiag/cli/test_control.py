@@ -501,7 +501,7 @@ class TestReadBack:
         (found,) = json.loads(told.out)["read_back"]["findings"]
         assert (
             found["text"]
-            == "SN_CEC_TABLE_ENABLE[2] is 0 in the control, the tables act with 1"
+            == "SN_CEC_TABLE_ENABLE[2] is 0 in the control, but the tables act only with 1"
         )
 
     def test_before_loading_the_control_holds_what_the_profile_names(self, result, tmp_path):

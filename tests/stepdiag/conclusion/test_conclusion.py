@@ -237,7 +237,9 @@ class TestReach:
         ]
         assert len(told) == 2
         german = render(reached[2], "de")
-        assert "X -100 bis -50 mm: dort würde die Maschine mit diesen Dateien um" in german
+        assert (
+            "X -100 bis -50 mm: auf dieser Strecke wäre die Abweichung der Maschine" in german
+        )
         assert not is_english(german)
         concluded = exported_in(bumped, [tmp_path], None).concluded
         assert concluded is not None
@@ -614,7 +616,7 @@ def test_a_proof_run_concludes_with_its_verdict_alone() -> None:
             concluded.load,
         )
     )
-    assert "does not decide EXX" in render(concluded.next_step, "en")
+    assert "EXX not decided" in render(concluded.next_step, "en")
 
 
 def test_files_that_only_a_proof_run_can_judge_are_loaded_for_it() -> None:

@@ -236,7 +236,7 @@ class Sequence:
         for text in offers:
             axis, more = (
                 "XYZ".index(text[1]),
-                float(text.split("; backlash ")[1].split(" µm")[0]),
+                float(text.split("The backlash is ")[1].split(" µm")[0]),
             )
             if "both" not in text.split("(k = 2): ")[1] and self.hand.random() < 0.8:
                 goes = re.search(r"from (\S+) µm to (\S+) µm$", text)
