@@ -147,7 +147,7 @@ def hangs_up(connection, ended):
 
 
 OTHERS = {
-    ("siemens-828d", web_server): "bytes of something else",
+    ("siemens-828d", web_server): "bytes of another protocol",
     ("siemens-828d", refuses_the_slot): "check plc.rack and plc.slot",
     ("siemens-828d", hangs_up): "check plc.rack and plc.slot",
     ("heidenhain", web_server): "something else",
@@ -285,7 +285,11 @@ def nowhere():
 
 
 SAID = {
-    "another product": (lambda: listener(web_server), "127.0.0.1", "bytes of something else"),
+    "another product": (
+        lambda: listener(web_server),
+        "127.0.0.1",
+        "bytes of another protocol",
+    ),
     "wrong name": (nowhere, "no-such-control.invalid", "no such name"),
     "wrong slot": (
         lambda: listener(refuses_the_slot),
