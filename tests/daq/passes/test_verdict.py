@@ -172,9 +172,7 @@ def test_air_that_nobody_told_is_assumed_aloud():
     (found,) = assumed_findings(survey, len(stops), [one])
     assert (found.code, found.severity) == ("air-unknown", "warning")
     assert "stops. 1013.25 hPa of [environment] is assumed" in found.text
-    assert in_words(found, "de").startswith(
-        "Luftdruck: kein Wert an 10 von 10 Messpunkten"
-    )
+    assert in_words(found, "de").startswith("Luftdruck: kein Wert an 10 von 10 Messpunkten")
     usual = Assumptions()
     assert with_held(usual, survey, [one]).index > 1e-6 > usual.index
     assert assumed_conditions(passes, survey, {"air_pressure_hpa": 1010.0}) == ()
