@@ -26,7 +26,9 @@ from stepdiag.daq.survey.models import Survey
 
 @dataclass(frozen=True, slots=True)
 class ReplayedLog:
-    """A replayed log: its file, its outcomes in order, and its end."""
+    """A log that was replayed: its file, the stops and remarks of the capture in order, and the end
+    of the log.
+    """
 
     path: Path
     outcomes: tuple[Outcome, ...]
@@ -35,10 +37,6 @@ class ReplayedLog:
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """A survey replayed from its logs: the survey file, the resulting passes, and the findings in
-    order.
-    """
-
     survey: Survey
     survey_text: str
     files: dict[str, bytes]
@@ -49,7 +47,7 @@ class Replayed:
 
     @property
     def stops(self) -> list[CapturedStop]:
-        """Return every stop of the logs in the order of its capture."""
+        """Return every stop of the logs in the order of capture."""
         return [
             each
             for log in self.logs
@@ -59,9 +57,7 @@ class Replayed:
 
 
 def begun_logs(folder: Path) -> list[Path]:
-    """Return the logs of a folder, without logs that an interruption or a full disk cut off before
-    their first record.
-    """
+    """Return the logs of a folder. A log that was cut off before its first record is left out."""
     return [path for path in logs_in(folder) if path.suffix != PART_SUFFIX or _begun(path)]
 
 
@@ -74,9 +70,9 @@ def _begun(path: Path) -> bool:
 
 
 def find_logs(paths: Sequence[Path]) -> list[Path]:
-    """Return the logs under the given paths. A path is a log, or a folder with logs.
+    """Return the logs under the given paths; a path is a log, or a folder with logs.
 
-    Raises UsageError for a path that does not exist, DataError where there is no log.
+    Raises UsageError for a missing path, DataError for paths without a log.
     """
     for path in paths:
         must_be_there(path)
@@ -95,13 +91,11 @@ def replay(
     survey_file: Path | None = None,
     suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = (),
 ) -> Replayed:
-    """Return the contents of the logs of a survey, in the given order; ``survey_file``, if given,
-    is used instead of the survey file recorded in the logs.
+    """Return the contents of the logs of a survey. ``survey_file`` replaces the survey file that
+    the logs contain.
 
-    ``suspicions`` are passed to `PassBook.foretell`.
-
-    Raises DataError for a log that is not from this program or belongs to another survey file,
-    UsageError for a survey file that cannot be used.
+    Raises DataError for a log of another program or of another survey file, UsageError for an
+    invalid survey file.
     """
     opened = [open_log(path) for path in paths]
     text = opened[0].header.survey_text

@@ -1,19 +1,18 @@
-"""Expressions for signals that the machine does not send directly, in a small typed language over
+"""Expressions for signals that the machine does not send directly: a small typed language over
 named bits and words, a subset of Python's expressions.
 
-    either     = both { "or" both }
-    both       = negated { "and" negated }
-    negated    = "not" negated | compared
-    compared   = operand [ ("==" | "!=" | "<" | "<=" | ">" | ">=") operand ]
-    operand    = NAME | NUMBER | "latch" "(" NAME ")" | "(" either ")"
+    either = both { "or" both }
+    both = negated { "and" negated }
+    negated = "not" negated | compared
+    compared = operand [ ("==" | "!=" | "<" | "<=" | ">" | ">=") operand ]
+    operand = NAME | NUMBER | "latch" "(" NAME ")" | "(" either ")"
 
-A bit is yes or no, a word is a number; an expression that mixes bits and words is refused, and the
-error names the place. ``latch(word)`` is the last value of the word that was not 0: a counter that
-a control clears between two stops keeps its number. A value that was not read is unknown, and so is
-every result that depends on this value.
+A bit is yes or no; a word is a number. An expression that mixes bits and words is refused.
+``latch(word)`` is the last value of the word that was not 0: it keeps a stop number that the
+control clears between two stops. A value that was not read is unknown, and every result that
+depends on an unknown value is unknown.
 
-Python's parser reads the text only after the program has checked every token; Python neither
-compiles nor evaluates the text.
+Python's parser reads the text after every token was checked; Python never evaluates the text.
 """
 
 import ast
@@ -30,12 +29,12 @@ from stepdiag.base.messages import Words, message
 Kind = Literal["bit", "word"]
 Value = bool | float | None
 Inputs = Mapping[str, float | None]
-"""The values read from the machine, by name, before their conversion to bits or words; None for a
-value that the machine refused.
+"""The values read from the machine by name, before conversion to bits or words; a refused value is
+None.
 """
 MOST_CHARACTERS = 500
 DEEPEST = 20
-"""Largest depth of an expression, in levels of brackets and of ``not``."""
+"""Largest number of nested levels of brackets and ``not`` in an expression."""
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>\d+(?:\.\d+)?(?!\w))|(?P<name>[A-Za-z_]\w*)"
     r"|(?P<sign>==|!=|<=|>=|<|>|\(|\)|-)|(?P<odd>\S)|\Z)",
@@ -55,14 +54,12 @@ _WANTED = {"bit": message("wanted-bit"), "word": message("wanted-word")}
 
 @dataclass(slots=True)
 class Memory:
-    """The values held by the latches of one stream of polls."""
-
     last: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A parsed expression; ``names`` are the inputs that the expression needs."""
+    """A parsed expression; ``names`` are the inputs that the expression reads."""
 
     kind: Kind
     names: frozenset[str]
@@ -70,10 +67,10 @@ class Expression:
 
 
 def parse_expression(text: str, kinds: Mapping[str, Kind], where: str) -> Expression:
-    """Return the expression parsed from a text. ``kinds`` are the inputs that the text may name;
-    ``where`` is the field of the survey file that holds the text.
+    """Return the expression of a text. ``kinds`` are the inputs that the text may use; ``where`` is
+    the field of the survey file.
 
-    Raises UsageError with the place of the first character that is not understood.
+    Raises UsageError with the position of the first invalid character.
     """
     if len(text) > MOST_CHARACTERS:
         most = message("characters-most", count=MOST_CHARACTERS)
@@ -82,10 +79,6 @@ def parse_expression(text: str, kinds: Mapping[str, Kind], where: str) -> Expres
 
 
 class _Text:
-    """The text of an expression: each token is checked, Python parses the text, and the expression
-    is built from the nodes that the language allows.
-    """
-
     def __init__(self, text: str, kinds: Mapping[str, Kind], where: str) -> None:
         self._text, self._kinds, self._where = text, kinds, where
 
@@ -95,15 +88,12 @@ class _Text:
         try:
             tree = ast.parse(source.lstrip(), mode="eval")
         except SyntaxError as error:
-            # Python gives no position for a part that is missing at the end
+            # Python reports no position for a part that is missing at the end
             at = self._begin + error.offset - 1 if error.offset else len(source)
             raise self._misplaced(at) from None
         return self._built(tree.body)
 
     def _source(self) -> str:
-        """Return the text for Python's parser, in which every token keeps its position. Raises
-        UsageError at the first token outside the language.
-        """
         source, before, levels = [" "] * len(self._text), "", 0
         opened: list[int] = []
         for token in _TOKEN.finditer(self._text):
@@ -128,9 +118,6 @@ class _Text:
         return "".join(source)
 
     def _built(self, node: ast.expr) -> Expression:
-        """Return the expression built from a node of Python's syntax tree. Raises UsageError for a
-        node outside the language.
-        """
         match node:
             case ast.BoolOp(op=op, values=values):
                 sides = [self._of("bit", side) for side in values]
@@ -177,7 +164,6 @@ class _Text:
         return self._begin + (node.end_col_offset or 0)
 
     def _misplaced(self, at: int) -> UsageError:
-        """Return the error for a token that the language does not allow at this position."""
         before = self._text[:at].rstrip()
         ended = before.endswith(")") or (
             before[-1:].isalnum() and not re.search(r"\b(and|or|not)\Z", before)
@@ -200,8 +186,8 @@ class _Text:
 
 
 def _as_python(word: str) -> str:
-    """Return, for a token, a token of the same length that Python parses as a name or a number: an
-    input may be named like a keyword, and a number may begin with zeros.
+    """Return a token of the same length that Python parses as a name or a number: the name of an
+    input may be a Python keyword, and a number may begin with zeros.
     """
     if keyword.iskeyword(word) and word not in _WORDS:
         return word.swapcase()
@@ -234,7 +220,7 @@ def _latch(name: str, word: Expression) -> Expression:
 
 
 def _several_bits(sides: Sequence[Expression], *, decided_by: bool) -> Expression:
-    """Return the ``and`` or the ``or`` of several bits: a bit equal to ``decided_by`` decides the
+    """Return the ``and`` or ``or`` of several bits. A bit equal to ``decided_by`` decides the
     result, even if another bit is unknown. Every operand is evaluated, because its latches must be
     updated.
     """

@@ -1,9 +1,4 @@
-"""Recognition of the sending instrument by its first bytes: every format that needs no description
-in the survey file is tried.
-
-The module also makes the messages about a stream without readings, which `check` and the journal of
-the daemon show.
-"""
+"""Recognition of an instrument by its first bytes, and messages about a stream without readings."""
 
 from collections.abc import Iterator
 
@@ -19,19 +14,19 @@ from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.samples import Decoder
 
 LEAST_SAMPLES = 2
-"""Least number of readings that recognises a format: random bytes can give one reading by accident,
+"""Least number of readings that recognises a format: random bytes can contain one valid reading,
 but not two.
 """
 KEPT = 4096
-"""Number of bytes kept from the beginning of a stream: if the stream gives no reading, these bytes
-are shown, and their format is searched.
+"""Number of bytes stored from the beginning of a stream, to recognise the format of a stream
+without readings.
 """
 QUOTED = 24
-"""Number of bytes shown from a stream without readings."""
+"""Number of bytes that a message shows from a stream without readings."""
 
 
 def recognise(heard: bytes) -> str:
-    """Return the name of the format that gives readings from these bytes, such as ``lasertex``;
+    """Return the name of the format that decodes these bytes to readings, such as ``lasertex``;
     empty without such a format.
 
     The first bytes may begin in the middle of a line or frame. Formats that a survey file describes
@@ -51,8 +46,8 @@ def recognise(heard: bytes) -> str:
 
 
 def senseless(name: Words, heard: bytes, count: int, remark: Words) -> Message:
-    """Return the message about a stream without readings: the beginning of the stream, its likely
-    format and the remedy.
+    """Return the message about a stream without readings: the first bytes, the likely format and
+    the remedy.
 
     ``heard`` are the first of ``count`` received bytes; ``remark`` is the last remark of the
     decoder.
@@ -70,12 +65,13 @@ def senseless(name: Words, heard: bytes, count: int, remark: Words) -> Message:
 
 
 def refused(name: Words, remark: Words) -> Message:
-    """Return the message about an instrument that answers, but never with a usable reading."""
     return message("stream-refused", stream=name, why=remark or message("reports-error"))
 
 
 def _candidates() -> Iterator[tuple[str, Decoder]]:
-    """Yield the decoders with the strictest checks first: a checksum, then a grammar."""
+    """Yield the decoders with the strictest checks first: formats with a checksum, then formats
+    with a grammar.
+    """
     yield "lasertex", LasertexDecoder(LasertexSettings())
     yield "fourdof", FourdofDecoder(FourdofSettings())
     yield "fourdof", FourdofDecoder(FourdofSettings(encoding="ascii"))

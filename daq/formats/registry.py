@@ -39,7 +39,7 @@ AIR_FORMATS = ("ptu300", "line")
 
 
 def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: C901, PLR0911 - one a format
-    """Return a new decoder of the format ``name``; each stream needs its own decoder.
+    """Return a new decoder of the format ``name``. Each stream needs its own decoder.
 
     Raises UsageError for an unknown name, or for settings of another format.
     """

@@ -1,10 +1,8 @@
-"""From registers to signals (contract 2): the place of each signal, the requests that read all
-signals, and the decoding of the answers.
+"""From registers to signals (contract 2).
 
-A signal is a bit, or a number of one or two registers in any of the four byte orders in use.
-Controls disagree on the order (S7 keeps ABCD, MELSEC swaps the words to CDAB: instruments.md 4.1).
-So each signal names its own order, and this module orders the bytes explicitly; tests compare with
-literal wire bytes.
+A signal is a bit, or a number of one or two registers. Controls use four byte orders for two
+registers (S7: ABCD, MELSEC: CDAB; instruments.md 4.1), so the survey file contains the order of
+each signal.
 """
 
 import math
@@ -37,8 +35,8 @@ MAX_REGISTERS = 125
 MAX_BITS = 2000
 """Largest number of bits in one request (Modbus application protocol V1.1b3, 6.1)."""
 MAX_BYTES = 200
-"""Largest number of bytes in one range of a table in which an address is a byte: an S7 answers 222
-bytes in its smallest PDU, a TNC 255.
+"""Largest number of bytes in one range of a table with byte addresses: the smallest PDU of an S7
+answers 222 bytes, a TNC answers 255.
 """
 
 _STRUCT_CODES = {
@@ -69,7 +67,6 @@ class SignalSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @property
     def in_bit_table(self) -> bool:
-        """Return whether the signal is a coil or a discrete input."""
         return self.table in BIT_TABLES
 
     @property
@@ -81,15 +78,14 @@ class SignalSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @property
     def width(self) -> int:
-        """Return the number of addresses that the signal occupies."""
         words = 2 if self.type in ("uint32", "int32", "float32") else 1
         return words * 2 if self.in_byte_table and self.type != "bit" else words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signals:
-    """The signals of one poll of the machine; None for a signal that is not mapped or whose request
-    was refused.
+    """The signals of one poll of the machine; None for a signal without a place, or with a refused
+    request.
     """
 
     stopped: bool | None = None
@@ -108,7 +104,7 @@ class Signals:
 
     @property
     def commanded_mm(self) -> tuple[float, float, float] | None:
-        """Return the commanded position in mm; None unless all three axes are mapped."""
+        """Return the commanded position in mm; None unless all three axes have a place."""
         if self.x_mm is None or self.y_mm is None or self.z_mm is None:
             return None
         return self.x_mm, self.y_mm, self.z_mm
@@ -116,9 +112,7 @@ class Signals:
 
 SIGNAL_NAMES = tuple(field.name for field in fields(Signals))
 COUNTED = ("heartbeat", "stop_count", "setup")
-"""Signals that are whole numbers, whatever type the control sends: a control that has only real
-numbers sends them as float32.
-"""
+"""Signals that are whole numbers; a control that has only real numbers sends them as float32."""
 SWITCHED = ("stopped", "running", "alarm")
 """Signals that are yes or no."""
 
@@ -146,13 +140,13 @@ request.
 def plan_reads(
     signals: SignalMap, standing: Collection[str] = ("stopped",)
 ) -> tuple[ReadRange, ...]:
-    """Return the fewest requests that read every signal; ``standing`` names the signals that show
+    """Return the fewest requests that read every signal. ``standing`` are the signals that show
     whether the machine stands.
 
     Only adjacent addresses are joined: the control may refuse an address between two signals. A
-    range never exceeds the limit of one request, and its end never splits a number. If more than
-    one request is needed, the ``standing`` signals are requested first and last: the machine may
-    leave between two requests, and only values read while the machine stood belong to a stop.
+    range never exceeds the limit of one request and never splits a number. If more than one request
+    is needed, the ``standing`` signals are requested first and last: the machine may leave between
+    two requests, and only values read while the machine stood belong to a stop.
     """
     ranges = _read_ranges(signals)
     telling = {name: signals[name] for name in standing if name in signals}
@@ -163,7 +157,6 @@ def plan_reads(
 
 
 def _read_ranges(signals: SignalMap) -> list[ReadRange]:
-    """Return the ranges that together hold all signals, ordered by table and address."""
     ranges: list[ReadRange] = []
     for spec in sorted(signals.values(), key=lambda spec: (spec.table, spec.address)):
         last = ranges[-1] if ranges else None
@@ -193,14 +186,14 @@ def _joins(last: ReadRange, spec: SignalSpec) -> bool:
 class SignalDecoder:
     """Decodes the polls of a machine with one register map.
 
-    Most polls repeat the previous poll: an unchanged block gives the same object again, and a
-    signal with unchanged bytes is not decoded again.
+    Most polls repeat the previous poll: for an unchanged block the decoder returns the same object
+    again, and a signal with unchanged bytes is not decoded again.
     """
 
     def __init__(
         self, signals: SignalMap, expressions: Mapping[str, Expression] = MappingProxyType({})
     ) -> None:
-        """``expressions`` compute further signals from inputs. Inputs are the members of
+        """``expressions`` compute further signals from inputs. The inputs are the entries of
         ``signals`` that are not signals of the contract.
         """
         self._signals = signals
@@ -216,8 +209,8 @@ class SignalDecoder:
     def decode(self, block: ModbusBlock) -> Signals:
         """Return the signals of one block; a signal whose range was refused (``b""``) is None.
 
-        Raises DataError if an answer does not have the requested length, or if the block lacks a
-        mapped signal because it was read with another register map.
+        Raises DataError for an answer of another length than requested, or a block that was read
+        with another register map.
         """
         if block.ranges is not self._ranges:
             if block.ranges != self._ranges:
@@ -242,7 +235,7 @@ class SignalDecoder:
 
     def unanswered(self, block: ModbusBlock) -> tuple[str, ...]:
         """Return the signals and inputs without a value in a decoded block, because the machine
-        refused to send them.
+        refused their range.
         """
         return tuple(
             name
@@ -251,16 +244,12 @@ class SignalDecoder:
         )
 
     def _value(self, name: str, data: tuple[bytes, ...]) -> bool | int | float | None:
-        """Return the value of a signal, typed as ``Signals`` declares it."""
         raw = [data[answer][cut] for answer, _, cut in self._places[name]]
         if name not in self._kept or self._kept[name][0] != raw:
             self._kept[name] = raw, self._decoded_value(name, raw)
         return self._kept[name][1]
 
     def _decoded_value(self, name: str, raw: list[bytes]) -> bool | int | float | None:
-        """Return the value of a signal. ``raw`` holds its bytes in each range that contains the
-        signal.
-        """
         spec = self._signals[name]
         numbers = [
             _raw_number(spec, own, place)
@@ -274,8 +263,8 @@ class SignalDecoder:
         return _typed(name, numbers[0] * spec.scale + spec.offset)
 
     def _made(self, name: str, data: tuple[bytes, ...]) -> bool | int | float | None:
-        """Return the value of an expression. If a poll reads its inputs twice, the value is true
-        only if both readings give true.
+        """Return the value of an expression. If a poll reads the inputs twice, the value is true
+        only if both readings are true.
         """
         expression = self._expressions[name]
         first = expression.value(
@@ -298,9 +287,6 @@ class SignalDecoder:
 
 
 def _typed(name: str, value: float) -> int | float | None:
-    """Return a number in the type of its signal; None if the number is not valid for this
-    signal.
-    """
     if not math.isfinite(value):
         return None
     return round(value) if name in COUNTED else float(value)
@@ -318,13 +304,12 @@ def _check_lengths(block: ModbusBlock, lengths: tuple[int, ...]) -> None:
 
 
 _Found = tuple[int, int, slice]
-"""The index of a range that holds a signal, the signal's place in this range, and the signal's
-bytes in the answer.
+"""The index of a range that contains a signal, the position of the signal in the range, and the
+slice of the answer's bytes.
 """
 
 
 def _find(name: str, spec: SignalSpec, ranges: tuple[ReadRange, ...]) -> tuple[_Found, ...]:
-    """Return the places of a signal in all ranges that hold the signal."""
     places = tuple(
         (index, place := spec.address - asked.address, _cut(spec, place))
         for index, asked in enumerate(ranges)
@@ -342,7 +327,6 @@ def _find(name: str, spec: SignalSpec, ranges: tuple[ReadRange, ...]) -> tuple[_
 
 
 def _cut(spec: SignalSpec, place: int) -> slice:
-    """Return the slice of an answer's bytes that holds a signal."""
     if spec.in_bit_table:
         return slice(place // 8, place // 8 + 1)
     unit = 1 if spec.in_byte_table else 2
@@ -350,7 +334,6 @@ def _cut(spec: SignalSpec, place: int) -> slice:
 
 
 def _raw_number(spec: SignalSpec, raw: bytes, place: int) -> float:
-    """Return the number of a signal from its own bytes, before scale and offset."""
     if spec.in_bit_table:
         return raw[0] >> place % 8 & 1
     if spec.type == "bit":
@@ -372,9 +355,7 @@ def resolution(spec: SignalSpec, value: float) -> float:
 
 
 def describe(spec: SignalSpec) -> str:
-    """Return the written form of a signal's place, such as ``holding 2 bit 0`` or ``input
-    40-41``.
-    """
+    """Return the place of a signal as text, such as ``holding 2 bit 0`` or ``input 40-41``."""
     if spec.type == "bit" and not spec.in_bit_table:
         return f"{spec.table} {spec.address} bit {spec.bit}"
     last = f"-{spec.address + spec.width - 1}" if spec.width > 1 else ""
@@ -382,7 +363,6 @@ def describe(spec: SignalSpec) -> str:
 
 
 def registers(specs: Iterable[SignalSpec]) -> set[tuple[Table, int]]:
-    """Return every address that the signals occupy, as (table, address)."""
     return {
         (spec.table, spec.address + place) for spec in specs for place in range(spec.width)
     }

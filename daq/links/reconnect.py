@@ -1,8 +1,8 @@
-"""Keeps a link open: a common class for serial lines and controls.
+"""Reopens a lost link, for serial lines and controls.
 
-A session is a coroutine function: it opens its device, works until the device is lost, closes it,
-and ends by raising DeviceError. Any other exception is a fault of this program and ends the
-reconnector too, so that no worker ends unnoticed.
+A session is a coroutine function: it opens its device, works until the device is lost, closes the
+device, and raises DeviceError. Any other exception is a fault of the program and also ends the
+reconnector, so that no session ends unnoticed.
 """
 
 import asyncio
@@ -19,16 +19,16 @@ from stepdiag.daq.records.status import LinkState
 FIRST_WAIT_S = 0.05
 WAIT_GROWTH = 2.0
 LONGEST_WAIT_S = 1.0
-"""Longest wait in s between two attempts: with the time of an attempt, a device is connected within
-two seconds of its return.
+"""Longest wait in s between two attempts. A device is connected within two seconds of its return,
+including the time of an attempt.
 """
 STEADY_AFTER_S = 5.0
 """Least duration in s of a session that resets the wait to its shortest value."""
 
 
 class Report(Protocol):
-    """A function that receives the state of a link, a detail for a person, and the losses since the
-    last report.
+    """A function that receives the state of a link, a detail for the operator, and the losses since
+    the last report.
     """
 
     def __call__(
@@ -44,8 +44,8 @@ _log = structlog.get_logger(__name__)
 class Reconnector:
     """Runs one session after another on a link.
 
-    ``on_state`` is called at every change of state and every loss of bytes, in the event loop. The
-    first failure is logged as a warning, later failures at debug level, until the link is open
+    ``on_state`` is called in the event loop at every change of state and every loss of bytes. The
+    first failure is logged as a warning, and later failures at debug level until the link is open
     again.
     """
 
@@ -57,7 +57,7 @@ class Reconnector:
         self.state: LinkState = "connecting"
 
     async def run(self) -> None:
-        """Keep the link open until cancelled. Raises every exception other than DeviceError."""
+        """Keep the link open until cancelled. Raises every exception that is no DeviceError."""
         clock = asyncio.get_running_loop().time
         self._on_state("connecting", "")
         wait_s = FIRST_WAIT_S
@@ -76,8 +76,8 @@ class Reconnector:
             wait_s = min(wait_s * WAIT_GROWTH, LONGEST_WAIT_S)
 
     def _report(self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None:
-        """Report a change of state, and a loss of bytes separately: a loss never replaces the state
-        of the link.
+        """Report a change of state, and separately a loss of bytes, because a loss does not change
+        the state of the link.
         """
         if state == self.state and not lost:
             return
@@ -103,7 +103,6 @@ class Reconnector:
         self._report("lost", detail)
 
     def _complain(self, event: str, detail: Words) -> None:
-        """Log a trouble as a warning once; a repetition is logged at debug level."""
         say = _log.debug if self._warned else _log.warning
         self._warned = True
         say(event, link=self._name, detail=str(detail))
@@ -111,8 +110,8 @@ class Reconnector:
 
 def raise_if_cancelled() -> None:
     """Raise CancelledError if this task was cancelled while an answer arrived. Before Python 3.12,
-    `asyncio.wait_for` (the client waits in it) then returns the answer and loses the cancellation,
-    and the daemon would never stop.
+    `asyncio.wait_for` (in which the client waits) then returns the answer and loses the
+    cancellation, so the daemon would never stop.
     """
     task = asyncio.current_task()
     if task is not None and task.cancelling():

@@ -1,14 +1,14 @@
 """Converts events to the JSON messages of a log, and back.
 
-A message holds the events of a stream over a fraction of a second, each event with its own time.
-Measured on noisy lines at 1 kHz with one chunk per line, a message per event takes 16 bytes per
-sample, and batches take 10 to 12 bytes. Encoding with base64 costs 3 bytes per sample more because
-it hides the digits from zstd; a binary schema saves 0.2 bytes and is not readable. So the bytes of
-a chunk are stored as a text, each byte as the character of its number (ISO 8859-1), without loss.
+A message contains the events of a stream over a fraction of a second, each event with its own time.
+On noisy lines at 1 kHz with one chunk per line, one message per event takes 16 bytes per sample,
+and batches take 10 to 12 bytes (measured). base64 adds 3 bytes per sample, because it hides the
+digits from zstd; a binary schema saves 0.2 bytes, but is not readable. So the bytes of a chunk are
+stored as a text, each byte as the character of its number (ISO 8859-1), without loss.
 
-Every event of a log has a number: the event's place in the order of consumption. A batch holds the
-numbers of its events as runs: ``order`` is the number of the first event, followed by turns of
-``skip`` numbers of other channels and ``run`` events of this channel.
+Every event of a log has a number, its place in the order of processing. A batch stores the numbers
+of its events as runs: ``order`` is the number of the first event, followed by pairs of ``skip``
+(numbers of other channels) and ``run`` (events of this channel).
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,18 +42,18 @@ from stepdiag.daq.records.status import LinkState
 
 US = 1_000
 MAX_TIME_NS = 2**63
+"""Latest time in ns (year 2262) of a recorder's clock."""
 MOST_RANGES = 200
-"""Largest number of ranges of one poll: more than all signals need."""
+"""Largest number of ranges of one poll, more than all signals need."""
 MOST_EVENTS = 100_000
 """Largest number of events in a message; messages are written several times a second."""
-"""Latest time in ns, in the year 2262: no computer's clock goes further."""
 _SECOND_NS = 1_000_000_000
 _STREAMS: dict[str, Stream] = {topic: stream for stream, topic in RAW_TOPICS.items()}
 _LINKS: dict[str, Link] = {topic: link for link, topic in LINK_TOPICS.items()}
 
 Numbered = tuple[int, Event]
 Run = tuple[int, list[Event]]
-"""A run: the number of the first event, and the events from this number on without a gap."""
+"""A run: the number of the first event, and consecutive events from this number on."""
 
 
 class _Time(msgspec.Struct):
@@ -89,7 +89,7 @@ class _LinkChange(_Message):
     state_text: str
     detail: str
     message: str = ""
-    """Detail and losses of the link as JSON; empty in an older log, which has only a text."""
+    """Detail and losses of the link as JSON; empty in an older log, which contains only a text."""
 
 
 class _Lost(_Message):
@@ -108,8 +108,8 @@ _decode_loss = msgspec.json.Decoder(_Lost).decode
 
 @dataclass(frozen=True, slots=True)
 class LogClock:
-    """Wall time of a log: the host's clock plus its offset at the beginning of the log, even if the
-    wall clock is set later.
+    """Wall time of a log: the host's clock plus the offset of the time of day at the beginning of
+    the log. A later change of the time of day does not change the wall time.
     """
 
     offset_ns: int
@@ -119,12 +119,11 @@ class LogClock:
         return time_ns + self.offset_ns
 
     def stamp(self, time_ns: int) -> _Time:
-        """Return the wall time of a time of the host's clock, in the form for viewers."""
         return _Time(*divmod(self.wall_ns(time_ns), _SECOND_NS))
 
 
 def time_of(event: Event) -> int:
-    """Return the monotonic time at which an event was complete."""
+    """Return the time of the host's clock at which an event was complete."""
     match event:
         case Chunk():
             return event.arrival_ns
@@ -135,10 +134,10 @@ def time_of(event: Event) -> int:
 
 
 def whole_us(event: Event) -> Event:
-    """Return the event with its times cut to whole microseconds, as the log stores them.
+    """Return the event with its times rounded down to whole microseconds.
 
-    A stamp is late by 77 us in the median (baselines.md): nanoseconds carry no information and
-    would cost a byte per sample.
+    The median delay of a time stamp is 77 us (baselines.md): nanoseconds contain no information and
+    would need a byte per sample.
     """
     match event:
         case Chunk(stream, arrival_ns, data):
@@ -154,7 +153,6 @@ def whole_us(event: Event) -> Event:
 
 
 def size_of(event: Event) -> int:
-    """Return the approximate memory of a waiting event in bytes."""
     match event:
         case Chunk():
             return 100 + len(event.data)
@@ -165,7 +163,6 @@ def size_of(event: Event) -> int:
 
 
 def topic_of(event: Event) -> str:
-    """Return the channel of an event."""
     match event:
         case Chunk():
             return RAW_TOPICS[event.stream]
@@ -178,8 +175,8 @@ def topic_of(event: Event) -> str:
 
 
 def encode(clock: LogClock, batch: Sequence[Numbered]) -> bytes:
-    """Return the message that holds a batch of one topic. A batch holds a single change of a link,
-    a single loss, chunks, or blocks with equal ranges.
+    """Return the message for a batch of one topic: a change of a link, a loss, several chunks, or
+    several blocks with equal ranges.
     """
     first = batch[0][1]
     match first:
@@ -215,7 +212,7 @@ def encode(clock: LogClock, batch: Sequence[Numbered]) -> bytes:
 
 
 def message_of_link(event: LinkEvent) -> str:
-    """Return the detail and the losses of a link as JSON; empty without either."""
+    """Return the detail and the losses of a link as JSON; empty without both."""
     return (
         msgspec.json.encode((event.detail, event.lost)).decode()
         if event.detail or event.lost
@@ -224,8 +221,8 @@ def message_of_link(event: LinkEvent) -> str:
 
 
 def _of_link(change: _LinkChange) -> tuple[Words, tuple[Words, ...]]:
-    """Return the detail and the losses of a link. An older log has a single text, with the losses
-    at its end.
+    """Return the detail and the losses of a link. An older log contains a single text that ends
+    with the losses.
     """
     if change.message:
         return msgspec.json.decode(change.message, type=tuple[Words, tuple[Words, ...]])
@@ -234,7 +231,6 @@ def _of_link(change: _LinkChange) -> tuple[Words, tuple[Words, ...]]:
 
 
 def joins(last: Event, event: Event) -> bool:
-    """Return whether two events of one topic may be in the same message."""
     if isinstance(last, ModbusBlock) and isinstance(event, ModbusBlock):
         return last.ranges == event.ranges
     return isinstance(event, Chunk)
@@ -288,8 +284,8 @@ def _to_runs(numbers: Sequence[int]) -> tuple[list[int], list[int]]:
 
 
 def decode(topic: str, data: bytes) -> list[Run]:
-    """Return the events of a message in runs; empty for a note. Raises one of the errors
-    `daq.log.reader.DAMAGE` for a damaged message.
+    """Return the events of a message in runs; empty for a note. A damaged message raises one of the
+    errors in `daq.log.reader.DAMAGE`.
     """
     if topic in _STREAMS:
         raw = _decode_bytes(data)
@@ -343,7 +339,6 @@ def _require_few(times: Sequence[int]) -> None:
 
 
 def _require_clock(start_ns: int, later_us: Sequence[int]) -> None:
-    """Raise ValueError for times that no monotonic clock of a recorder can show."""
     least, most = min(later_us, default=0), max(later_us, default=0)
     if not 0 <= start_ns + least * US <= start_ns + most * US < MAX_TIME_NS:
         raise impossible("t_mono_ns", start_ns)

@@ -1,9 +1,4 @@
-"""Reading logs: their header, the events in the order of their capture, and their end.
-
-- `open_log` reads the header, and refuses a file that is not a log of this program.
-- `Log.events` yields the events with bounded memory, up to the first incomplete record.
-- `Log.end` states whether the log is whole, and otherwise the losses.
-"""
+"""Reading logs: the header, the events in the order of capture, and the end."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -38,25 +33,25 @@ from stepdiag.daq.records.events import Event
 
 MOST_RECORDS_BEFORE_SURVEY = 16
 MAX_WAITING_EVENTS = 1_000_000
-"""Largest number of events that wait for an event with a lower number; in a sound log at most a
-batch waits.
+"""Largest number of events that wait for an event with a lower number; in an undamaged log one
+batch waits at most.
 """
 
 
 MOST_EVENTS, MOST_EVENTS_PER_BYTE = 1_000_000, 4
-"""Largest number of events of a log: a constant, plus a number per byte of the log. An event takes
-at least a byte, for its time.
+"""Largest number of events of a log: a constant, plus a number per byte of the log. The time of an
+event alone needs a byte.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogEnd:
-    """The end of a log. ``damage`` is empty for a whole log; ``run_stop`` is the recorder's last
-    record; empty if it was not written.
+    """The end of a log. ``damage`` is empty for a whole log; ``run_stop`` is the last record of the
+    recorder, empty if this record is missing.
 
-    ``dropped_events`` is the number of events that were read but not used, because an earlier event
-    was lost with the damaged part; a mended log contains these events too. ``lost_bytes`` is the
-    number of bytes that could not be read.
+    ``dropped_events`` is the number of events that were read but not used, because the damaged part
+    contained an earlier event; a mended log contains these events too. ``lost_bytes`` is the number
+    of bytes that could not be read.
     """
 
     events: int
@@ -68,20 +63,22 @@ class LogEnd:
 
     @property
     def whole(self) -> bool:
-        """Return whether the log was closed and nothing in it is damaged."""
+        """Return whether the log was closed and is undamaged."""
         return not self.damage and bool(self.run_stop)
 
 
 @dataclass(slots=True)
 class Log:
-    """A log that has been opened; ``end`` is known after `events` has run to its end."""
+    """An opened log; ``end`` is valid after `events` is exhausted."""
 
     path: Path
     header: LogHeader
     end: LogEnd | None = None
 
     def events(self) -> Iterator[Event]:
-        """Yield the events in the order of their capture, up to the first lost event."""
+        """Yield the events in the order of capture up to the first lost event, with bounded
+        memory.
+        """
         reader = RecordReader(self.path)
         walk = _Walk()
         for record in reader:
@@ -98,8 +95,6 @@ class Log:
 
 @dataclass(slots=True)
 class _Walk:
-    """Sorts the runs of events of all channels by their numbers, and counts the events."""
-
     next: int = 0
     waiting: dict[int, list[Event]] = field(default_factory=dict)
     waiting_events: int = 0
@@ -108,7 +103,7 @@ class _Walk:
     run_stop: dict[str, str] = field(default_factory=dict)
 
     def take(self, record: McapRecord) -> list[list[Event]]:
-        """Return the events, as runs, that follow the returned events without a gap after this
+        """Return the runs of events that follow the returned events without a gap after this
         record.
         """
         match record:
@@ -126,7 +121,7 @@ class _Walk:
         return []
 
     def require_justified(self, read_bytes: int) -> None:
-        """Raise ValueError for more events than the bytes read until now can hold."""
+        """Raise ValueError if the bytes read until now cannot contain so many events."""
         events = self.next + self.waiting_events
         if events > MOST_EVENTS + MOST_EVENTS_PER_BYTE * read_bytes:
             raise impossible("events", events)
@@ -161,7 +156,6 @@ class _Walk:
 
 
 def must_be_there(path: Path) -> None:
-    """Raise UsageError if a named path does not exist."""
     if not path.exists():
         raise UsageError(
             str(path), expected=message("log-or-folder"), found=message("nothing-of-name")
@@ -171,8 +165,8 @@ def must_be_there(path: Path) -> None:
 def open_log(path: Path) -> Log:
     """Open a log and read its header.
 
-    Raises DataError for a file that is unreadable, is not a log of this program, was written by a
-    newer version, or was cut off inside its header.
+    Raises DataError for a file that is unreadable, that is no log of this program, that was written
+    by a newer version, or that was cut off inside its header.
     """
     reader = RecordReader(path)
     metadata: dict[str, dict[str, str]] = {}

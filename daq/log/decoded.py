@@ -1,5 +1,5 @@
-"""Every sample of a log's laser, head or sensor of air, decoded again from the raw bytes, with its
-time, in columns.
+"""Every sample of the laser, the head or the sensor of air in a log, decoded again from the raw
+bytes, with its time, in columns.
 """
 
 from collections.abc import Iterator
@@ -21,12 +21,12 @@ from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.timing.stream import NOT_RECORDED, StreamBuffer
 
 AT_ONCE_NS = 30_000_000_000
-"""Duration in ns of a returned block of samples: long enough for the sample clock, short enough for
-the memory.
+"""Duration in ns of a block of samples: long enough for the sample clock, short enough for the
+memory.
 """
 MOST_LINES, MOST_LINES_PER_BYTE = 250_000, 8
-"""Largest number of lines in a log's stream: a constant, plus a number per byte of the log. A
-recorder that receives 100 equal lines at a time packs 7 of them into a byte; a crafted log of 46 kB
+"""Largest number of lines in a stream of a log: a constant, plus a number per byte of the log. A
+recorder that receives 100 equal lines at a time packs 7 lines into a byte; a crafted log of 46 kB
 unpacks to 1.2 million lines.
 """
 COLUMNS = ("time_ns", "mono_ns", "counter", "position_mm", "beam", "flags")
@@ -34,11 +34,11 @@ COLUMNS = ("time_ns", "mono_ns", "counter", "position_mm", "beam", "flags")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decoded:
-    """Samples in the order of their arrival; every column has shape (count,), ``channels`` (count,
-    k) for a 4-DOF head or a sensor.
+    """Samples in the order of arrival; every column has shape (count,), ``channels`` (count, k) for
+    a 4-DOF head or a sensor.
 
-    ``time_ns`` is nanoseconds since 1970, ``mono_ns`` the host's monotonic clock: both from the
-    sample clock, not from the arrival times.
+    ``time_ns`` is in nanoseconds since 1970, ``mono_ns`` in nanoseconds of the host's clock. Both
+    are from the sample clock, not the arrival times.
     """
 
     time_ns: NDArray[np.int64]
@@ -52,8 +52,6 @@ class Decoded:
     def columns(
         self,
     ) -> dict[str, NDArray[np.int64] | NDArray[np.float64] | NDArray[np.uint16]]:
-        """Return the columns by name; a head's channels are ``channel_1``, ``channel_2`` and so
-        on."""
         found = {name: getattr(self, name) for name in COLUMNS}
         if self.channels is not None:
             found |= {
@@ -66,11 +64,11 @@ class Decoded:
 def decoded(
     log: Log, stream: Stream = "laser", survey_file: Path | None = None
 ) -> Iterator[Decoded]:
-    """Yield the samples of a stream of a log, block by block; ``survey_file`` replaces the survey
-    file in the log if that file cannot be used.
+    """Yield the samples of a stream of a log in blocks. ``survey_file`` replaces an unusable survey
+    file of the log.
 
-    Raises UsageError for a stream that is not in the survey, DataError for a log without a sample
-    of the stream, or with more lines than its bytes can hold.
+    Raises UsageError for a stream that the survey does not have, DataError for a log without a
+    sample of the stream, or with more lines than its bytes can contain.
     """
     text, source = log.header.survey_text, f"{log.path.name}: survey.toml"
     survey = (
@@ -118,7 +116,6 @@ def decoded(
 
 
 def _blocks(buffer: StreamBuffer, log: Log) -> list[Decoded]:
-    """Return the samples of a buffer as one block, or None for an empty buffer."""
     drained = buffer.drained()
     if not drained:
         return []

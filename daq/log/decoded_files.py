@@ -1,5 +1,5 @@
-"""The files of ``stepdiag decode``: every sample as CSV, as Parquet, or as MCAP together with the
-notes of the log.
+"""The files of ``stepdiag decode``: every sample as CSV, as Parquet, or as MCAP with the notes of
+the log.
 """
 
 import csv
@@ -24,13 +24,13 @@ from stepdiag.daq.records.events import Stream
 
 RAW = {*RAW_TOPICS.values(), BLOCK_TOPIC}
 Write = Callable[[Path, Log, Stream, Iterator[Decoded]], int]
-"""A function that writes the blocks of a stream into a new file and returns the number of samples
-in the file.
+"""A function that writes the blocks of a stream into a new file and returns the number of written
+samples.
 """
 
 
 def write_csv(path: Path, _log: Log, _stream: Stream, blocks: Iterator[Decoded]) -> int:
-    """Write a header, and one line per sample; an unknown value is an empty field."""
+    """Write a header and one line per sample; an unknown value is an empty field."""
     count = 0
     with path.open("x", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -47,8 +47,8 @@ def write_csv(path: Path, _log: Log, _stream: Stream, blocks: Iterator[Decoded])
 
 
 def write_parquet(path: Path, log: Log, stream: Stream, blocks: Iterator[Decoded]) -> int:
-    """Write typed columns; the file's metadata name the log and the stream. Raises UsageError
-    without pyarrow.
+    """Write typed columns; the metadata of the file contain the log and the stream. Raises
+    UsageError without pyarrow.
     """
     try:
         import pyarrow as pa
@@ -80,8 +80,8 @@ def write_parquet(path: Path, log: Log, stream: Stream, blocks: Iterator[Decoded
 
 
 def write_mcap(path: Path, log: Log, stream: Stream, blocks: Iterator[Decoded]) -> int:
-    """Write every sample as a message, and for a viewer also the log's own notes (stops, signals,
-    findings, scene).
+    """Write one message per sample, and the notes of the log (stops, signals, findings, scene) for
+    a viewer.
     """
     with path.open("xb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
@@ -136,7 +136,6 @@ def _samples(writer: Writer, channel: int, clock: LogClock, block: Decoded) -> i
 
 
 def _copy_notes(writer: Writer, path: Path) -> None:
-    """Copy the log's notes for a person into the file; the raw bytes are not copied."""
     schemas, channels = dict[int, int](), dict[int, int]()
     for record in RecordReader(path):
         match record:

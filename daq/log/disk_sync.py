@@ -1,8 +1,8 @@
 """Waiting for the disk in a separate thread: a sync takes 3 ms in the median and 140 ms at worst
 (baselines.md).
 
-Meanwhile the recorder continues to pass bytes to the operating system; there the bytes survive the
-end of the process.
+During a sync the recorder passes bytes to the operating system, where the bytes survive the end of
+the process.
 """
 
 import threading
@@ -11,9 +11,7 @@ from stepdiag.daq.log.part_file import PartFile
 
 
 class DiskSync:
-    """Syncs one file at a time on request. All methods are called from the thread of the
-    recorder.
-    """
+    """Syncs one file at a time on request. Only the thread of the recorder calls the methods."""
 
     def __init__(self) -> None:
         self._file: PartFile | None = None
@@ -25,8 +23,8 @@ class DiskSync:
         self._thread.start()
 
     def request(self, file: PartFile) -> None:
-        """Sync the bytes drained into ``file`` until now; a running sync ends first. Raises the
-        error of the previous sync.
+        """Sync the bytes drained into ``file`` until now, after a running sync has ended. Raises
+        the error of the previous sync.
         """
         with self._changed:
             error, self._error = self._error, None
@@ -37,12 +35,11 @@ class DiskSync:
             raise error
 
     def settle(self) -> None:
-        """Wait until every requested sync is done: the file may then be closed."""
+        """Wait until every requested sync is done, so that the file may be closed."""
         with self._changed:
             self._changed.wait_for(lambda: self._done == self._wanted)
 
     def close(self) -> None:
-        """End the thread after every requested sync."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -62,7 +59,6 @@ class DiskSync:
                 self._changed.notify_all()
 
     def _wait(self) -> tuple[int, PartFile] | None:
-        """Wait for a request; return its number and file, or None after the last request."""
         with self._changed:
             self._changed.wait_for(lambda: self._wanted > self._done or self._closing)
             return (

@@ -1,5 +1,5 @@
-"""A file written during the recording; its name is ``<name>.part`` until the file is complete. No
-other file is overwritten.
+"""A file that is written during the recording; its name is ``<name>.part`` until the file is
+complete. An existing file is never overwritten.
 """
 
 import errno
@@ -13,11 +13,11 @@ _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 
 
 class PartFile:
-    """Stores bytes in memory and drains them to disk on request.
+    """Stores bytes in memory and writes them to disk on request.
 
-    A failing disk raises no error in the writer that uses this file: bytes that a full disk refuses
-    stay in memory and are drained when there is space again, so that no record is torn. Not safe
-    for use from two threads.
+    A failing disk raises no error in the writer of this file: bytes that a full disk refuses remain
+    in memory and are written when there is space again, so that no record is torn. Only one thread
+    may use the file.
     """
 
     def __init__(self, path: Path, suffix: str = PART_SUFFIX) -> None:
@@ -33,25 +33,23 @@ class PartFile:
         self._written = 0
 
     def write(self, data: bytes) -> int:
-        """Store bytes in memory for the next `drain`."""
         self._waiting += data
         return len(data)
 
     def tell(self) -> int:
-        """Return the place of the next byte in the file."""
+        """Return the position of the next byte in the file."""
         return self._written + len(self._waiting)
 
     def flush(self) -> None:
-        """Do nothing: the owner of the file decides when to drain."""
+        """Do nothing, because the owner of the file decides when to call `drain`."""
 
     @property
     def waiting(self) -> int:
-        """Return the number of bytes that are not on disk yet."""
         return len(self._waiting)
 
     def drain(self) -> None:
-        """Pass all stored bytes to the operating system. Raises OSError; bytes not passed stay
-        stored for the next call.
+        """Pass all stored bytes to the operating system. Raises OSError; refused bytes are stored
+        for the next call.
         """
         while self._waiting:
             count = os.write(self._descriptor, self._waiting)
@@ -59,14 +57,13 @@ class PartFile:
             self._written += count
 
     def sync(self) -> None:
-        """Wait until the bytes drained so far would survive a power failure."""
+        """Wait until the bytes of earlier `drain` calls would survive a power failure."""
         sync_file(self._descriptor)
 
     def publish(self) -> None:
         """Rename the complete file to its final name. Raises FileExistsError if another file has
-        this name; the ``.part`` then remains.
-
-        May be called again after another OSError.
+        this name; the ``.part`` file then remains. After any other OSError the call may be
+        repeated.
         """
         os.fsync(self._descriptor)
         if self.part.exists():
@@ -87,7 +84,6 @@ class PartFile:
             self.part.replace(self.path)
 
     def close(self) -> None:
-        """Close the file without renaming it."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

@@ -2,8 +2,8 @@
 record.
 
 A log may be cut off at any byte, or be a foreign file. No length in the file is trusted: records,
-chunks and their unpacked contents have limits, and `DAMAGE` lists every error that the reader
-library raises on damaged bytes.
+chunks and unpacked contents have limits, and `DAMAGE` lists every error that the reader library
+raises on damaged bytes.
 """
 
 import struct
@@ -25,17 +25,17 @@ from stepdiag.daq.log.part_file import PART_SUFFIX
 
 MAX_RECORD_BYTES = 64_000_000
 MAX_CHUNK_BYTES = 16_000_000
-"""Largest record and largest chunk in bytes, far above every written size: chunks have 64 KiB,
-chunks of packed logs a megabyte, and the largest record is the index at the end.
+"""Largest record and largest chunk in bytes, far above every written size: a chunk has 64 KiB, a
+chunk of a packed log 1 MB; the largest record is the index at the end.
 """
 MOST_UNPACKED_BYTES, MOST_UNPACKED_PER_BYTE = 16_000_000, 1000
 """Largest number of unpacked bytes of all chunks: a constant, plus a number per byte read. The log
-of a laser at rest for hours has 400 per byte.
+of a laser at rest for hours has 400 unpacked bytes per byte.
 """
 
 
 class BrokenRecordError(ValueError):
-    """A record that no log of this program can hold; ``words`` name the reason."""
+    """A record that no log of this program can contain; ``words`` is the reason."""
 
     def __init__(self, words: Message) -> None:
         super().__init__(str(words))
@@ -43,7 +43,6 @@ class BrokenRecordError(ValueError):
 
 
 def impossible(field: str, value: object) -> BrokenRecordError:
-    """Return the error for a value that no log of this program has."""
     return BrokenRecordError(message("log-impossible", field=field, value=str(value)))
 
 
@@ -59,12 +58,11 @@ DAMAGE = (
     OverflowError,
 )
 """Every error that damaged bytes raise in the reader (measured on logs cut at every byte and with
-flipped bits; ValueError stands for wrong numbers).
+flipped bits). A wrong number raises ValueError.
 """
 
 
 def damage_of(error: Exception) -> Message:
-    """Return the message of the error that ended the reading of a log."""
     if isinstance(error, EndOfFile | struct.error):
         return message("log-cut-off-here")
     return (
@@ -75,8 +73,8 @@ def damage_of(error: Exception) -> Message:
 
 
 class _BoundedFile:
-    """A file that refuses to read more at once than the size of a record: the reader does not check
-    lengths inside a record.
+    """A file that refuses to read more bytes at once than the size of a record, because the reader
+    library does not check lengths inside a record.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -89,11 +87,10 @@ class _BoundedFile:
 
 
 class RecordReader:
-    """The records of a file in order. After the iteration ``damage`` names the reason of an early
-    end, or is empty.
+    """The records of a file in order. After the iteration ``damage`` is the reason of an early end,
+    or empty.
 
-    A log that was closed after the folder was listed has a new name: after the iteration ``path``
-    is this name.
+    A log that is closed during the iteration gets a new name; ``path`` is then the new name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -126,9 +123,6 @@ class RecordReader:
                 self.damage = damage_of(error)
 
     def _open(self) -> BinaryIO:
-        """Return the opened file of a log, under its old or new name. Raises DataError if neither
-        name exists.
-        """
         try:
             if self.path.suffix == PART_SUFFIX:
                 with suppress(FileNotFoundError):
@@ -142,8 +136,8 @@ class RecordReader:
 
 
 def stored_bytes(path: Path) -> int:
-    """Return the size of a log in bytes, also if the log was closed and renamed meanwhile. Raises
-    DataError if the log no longer exists.
+    """Return the size of a log in bytes, also of a log that was renamed. Raises DataError for a
+    missing log.
     """
     try:
         if path.suffix == PART_SUFFIX:
@@ -158,14 +152,10 @@ def stored_bytes(path: Path) -> int:
 
 
 def _unpack(chunk: ChunkRecord) -> list[McapRecord]:
-    """Return the records of a chunk, whose CRC is checked."""
     return breakup_chunk(chunk, validate_crc=True)
 
 
 def _claimed_bytes(chunk: ChunkRecord) -> int:
-    """Return the unpacked size that a chunk claims, in bytes. Raises BrokenRecordError for a size
-    that no log of this program can have.
-    """
     if chunk.compression != "zstd":
         raise impossible("chunk.compression", repr(chunk.compression))
     claimed = max(chunk.uncompressed_size, zstandard.frame_content_size(chunk.data))

@@ -1,10 +1,10 @@
 """The recorder: a separate thread that writes logs, so that no disk delays the reading of an
 instrument.
 
-`Recorder.admit` never blocks. The recorder returns the recorded events in the order of their
-replay, and only recorded events may be consumed. If the disk is too slow, events are refused,
-counted, and noted in the log as a `Loss`. A full disk stops the recording; the recording continues,
-without a torn record, as soon as there is space.
+`Recorder.admit` never blocks. It returns the recorded events in the order of replay, and only
+recorded events may be processed. If the disk is too slow, events are refused, counted, and recorded
+in the log as a `Loss`. A full disk stops the recording; the recording continues without a torn
+record as soon as there is space.
 """
 
 import threading
@@ -26,19 +26,19 @@ from stepdiag.daq.records.events import Event, Loss
 
 FLUSH_S = 0.36
 """Longest time in s between two flushes. A killed process loses this time, the 70 ms of reader and
-loop, and the time of a write; the limit is half a second in all.
+event loop, and the time of a write: less than half a second.
 """
 SYNC_S = 1.0
 """Longest time in s that a power failure may lose; a captured stop is synced at once."""
 RETRY_S = 0.5
-"""Wait in s after a refusal of the disk before the next try."""
+"""Wait in s between a refusal of the disk and the next attempt."""
 WAKE_BYTES = 262_144
-"""Number of waiting bytes that wakes the thread before a flush is due: a wake-up costs as much as
-the work on ten kilobytes.
+"""Number of waiting bytes that wakes the thread before a flush is due. A wake-up costs as much as
+processing 10 kB.
 """
 BACKLOG_BYTES = 16_000_000
-"""Largest number of bytes that wait for the disk: several seconds of the fastest instrument. Events
-are accepted again below half of this size.
+"""Largest number of bytes that wait for the disk: several seconds of the fastest instrument. After
+an overrun, events are accepted again below half of this size.
 """
 
 State = Literal["idle", "recording", "blocked", "dead"]
@@ -72,8 +72,8 @@ class _End:
 
 @dataclass(frozen=True, slots=True)
 class _Promise:
-    """A note whose storage must be reported: ``saved`` is called as soon as the note would survive
-    the end of this process.
+    """A note whose storage is reported: ``saved`` is called when the note would survive the end of
+    this process.
     """
 
     note: Note
@@ -90,10 +90,10 @@ class _OpenLog:
 
 
 class Recorder:
-    """Writes logs, one after another, in a thread of its own.
+    """Writes logs, one after another, in its own thread.
 
-    ``begin``, ``admit``, ``note``, ``end`` and ``stop`` are called from the capturing thread.
-    ``on_change`` is called in the recorder's thread whenever its state changes.
+    ``begin``, ``admit``, ``note``, ``end`` and ``stop`` are called in the capturing thread.
+    ``on_change`` is called in the thread of the recorder at every change of its state.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class Recorder:
 
     @property
     def health(self) -> RecorderHealth:
-        """Return the recorder's present state. May be called from any thread."""
+        """Return the present state of the recorder. Any thread may call this method."""
         log = self._log
         return RecorderHealth(
             state=self._state,
@@ -135,7 +135,7 @@ class Recorder:
         )
 
     def begin(self, path: Path, header: LogHeader) -> None:
-        """Begin the log ``path``; until `end` its name is ``<path>.part``. An existing file with
+        """Begin the log ``path``; its name is ``<path>.part`` until `end`. An existing file of
         either name ends the recorder.
         """
         self._lost_before_log = self._lost_events
@@ -143,8 +143,8 @@ class Recorder:
         self._wake.set()
 
     def admit(self, event: Event) -> tuple[Event, ...]:
-        """Record the next event and return the events to consume: this event, after a gap a `Loss`
-        and this event, or nothing if the event is refused.
+        """Record the next event and return the events to process: this event; a `Loss` and this
+        event after a gap; or nothing for a refused event.
         """
         event = whole_us(event)
         size = size_of(event)
@@ -164,31 +164,31 @@ class Recorder:
 
     def note(self, note: Note) -> None:
         """Record a note. While the disk is too slow, notes are discarded, because a replay computes
-        notes again from the events.
+        the notes from the events.
         """
         if self._state != "dead" and self._backlog <= self._limit:
             self._put(1000, note)
 
     def promise(self, note: Note, saved: Callable[[], object]) -> None:
-        """Record the note of a captured stop, or of the end of its pass, and write the note at
-        once, together with all earlier events and notes.
+        """Record the note of a captured stop or of the end of a pass, and write it at once with all
+        earlier events and notes.
 
-        ``saved`` is called, in the recorder's thread and in the order of the notes, when the note
-        would survive the end of the process: only then may the stop be reported. A note that a full
-        disk refuses stays in memory; a dead recorder never calls ``saved``.
+        ``saved`` is called in the thread of the recorder, in the order of the notes, when the note
+        would survive the end of the process. A stop may be reported only after this call. A note
+        that a full disk refuses remains in memory; a dead recorder never calls ``saved``.
         """
         if self._state != "dead":
             self._put(1000, _Promise(note, saved))
             self._wake.set()
 
     def end(self, status: ExitStatus, reason: str = "") -> None:
-        """End the log: the indexes are written, and the file gets its final name."""
+        """End the log: write the indexes and rename the file to its final name."""
         self._put(0, _End(status, reason, self._lost_events - self._lost_before_log))
         self._wake.set()
 
     def stop(self, timeout_s: float = 10.0) -> bool:
-        """End the thread after all recorded events are written; return False if the disk refused
-        bytes, so that the last log remains a ``.part``.
+        """Write all recorded events and end the thread. Return False if the disk refused bytes; the
+        last log then remains a ``.part``.
         """
         self._stopping.set()
         self._wake.set()
@@ -209,7 +209,7 @@ class Recorder:
         self._loss_noted, self._lost_bytes = self._lost_events, 0
         return loss
 
-    # The methods below run in the recorder's own thread.
+    # The thread of the recorder runs the methods below.
 
     def _run(self) -> None:
         try:
@@ -223,7 +223,6 @@ class Recorder:
                 self._log.file.close()
 
     def _serve(self) -> bool:
-        """Wait for work and do the work; return False when the recorder must end."""
         stopping = self._stopping.is_set()
         if not stopping:
             self._wake.wait(
@@ -239,9 +238,6 @@ class Recorder:
         return self._save(now=bool(self._promised) or stopping) and not stopping
 
     def _take(self, item: _Item) -> bool:
-        """Process one waiting item; return False if the disk refused bytes until the end of the
-        recorder.
-        """
         if isinstance(item, _Begin):
             return self._insist(lambda: self._open(item))
         if self._log is None:
@@ -278,9 +274,6 @@ class Recorder:
         return True
 
     def _save(self, *, now: bool) -> bool:
-        """Flush and sync the due data; return False if the disk refused bytes until the end of the
-        recorder.
-        """
         log = self._log
         if log is None or not (now or time.monotonic() >= self._flush_at):
             return True
@@ -295,14 +288,13 @@ class Recorder:
         return saved
 
     def _keep_promises(self) -> None:
-        """Call ``saved`` of every note that the operating system has received."""
         promised, self._promised = self._promised, []
         for saved in promised:
             saved()
 
     def _insist(self, action: Callable[[], None]) -> bool:
-        """Repeat a disk operation until it succeeds; return False when the disk still refuses at
-        the end of the recorder.
+        """Repeat a disk operation until it succeeds; return False if the disk still refuses at the
+        end of the recorder.
         """
         while True:
             try:

@@ -1,4 +1,4 @@
-"""Summary of a log, and mending of a log that was cut off, into a new file."""
+"""Summary of a log, and recovery of a log that was cut off."""
 
 import tomllib
 from collections.abc import Iterator
@@ -21,9 +21,7 @@ from stepdiag.daq.records.events import Chunk, ModbusBlock
 
 _DRAIN_BYTES = 1_000_000
 _SUFFIX = ".recovering"
-"""Suffix of a mended log that is not complete yet; the rest of an interrupted mending is
-overwritten.
-"""
+"""Suffix of an incomplete mended log; the remains of an interrupted recovery are overwritten."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,15 +40,13 @@ class LogInfo:
     stops: int
     end: LogEnd
     carries_token: bool = False
-    """Whether the log's survey file holds a token of the page, as survey files of older versions
-    could.
+    """Whether the survey file in the log contains a token of the page, as survey files of older
+    versions may.
     """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recovery:
-    """A mended log, and the losses of the damaged log."""
-
     source: Path
     target: Path
     messages: int
@@ -58,9 +54,7 @@ class Recovery:
 
 
 def log_info(path: Path) -> LogInfo:
-    """Return the contents of a log, read front to back. Raises DataError for a file that is not a
-    log of this program (see `daq.log.contents.open_log`).
-    """
+    """Return the contents of a log. Raises DataError for a file that is no log of this program."""
     log = open_log(path)
     stream_bytes: dict[str, int] = {}
     polls = 0
@@ -97,10 +91,8 @@ def _carries_token(survey_text: str) -> bool:
 
 
 def recovered_path(path: Path) -> Path:
-    """Return the path of the mended copy of a log, in the same folder.
-
-    ``0001.mcap.part`` gives ``0001.mcap``, its intended name; ``0001.mcap`` gives
-    ``0001.recovered.mcap``.
+    """Return the path of the mended copy of a log, in the same folder: ``0001.mcap`` for
+    ``0001.mcap.part``, and ``0001.recovered.mcap`` for ``0001.mcap``.
     """
     if path.suffix == PART_SUFFIX:
         return path.with_suffix("")
@@ -108,11 +100,11 @@ def recovered_path(path: Path) -> Path:
 
 
 def recover(path: Path, target: Path | None = None) -> Recovery:
-    """Write every whole message of a damaged log into a new, indexed log; the damaged log stays
+    """Write every whole message of a damaged log into a new, indexed log. The damaged log is
     unchanged.
 
-    Raises DataError if the log is whole or not a log of this program, if the target exists, or if
-    the mended log has another number of messages or events; UsageError if writing is impossible.
+    Raises DataError if the log is whole or no log of this program, if the target exists, or if the
+    mended log has another number of messages or events; UsageError if the target cannot be written.
     """
     target = recovered_path(path) if target is None else target
     log = open_log(path)
@@ -159,7 +151,6 @@ def _write_mended(path: Path, target: Path, end: LogEnd) -> int:
 
 
 def _copy(path: Path, file: PartFile, end: LogEnd) -> int:
-    """Copy the complete records of a log unchanged; return the number of copied messages."""
     writer = Writer(
         cast("IO[Any]", file),
         chunk_size=CHUNK_BYTES,
@@ -193,9 +184,6 @@ def _copy(path: Path, file: PartFile, end: LogEnd) -> int:
 
 
 def _first(records: RecordReader, messages: int) -> Iterator[McapRecord]:
-    """Yield the records of a log up to the last message that contributes events; ``messages`` is
-    its number.
-    """
     left = messages
     known: set[tuple[str, int]] = set()
     for record in records:
@@ -247,8 +235,8 @@ def copy_record(writer: Writer, record: McapRecord) -> None:
 
 
 def _check(target: Path, wanted: LogEnd) -> None:
-    """Open the mended log again and count its messages and events: other tools have reported
-    success with an unreadable file (acquisition.md B2, rule 2).
+    """Open the mended log again and count its messages and events, because other tools have
+    reported success with an unreadable file (acquisition.md B2, rule 2).
     """
     log = open_log(target)
     for _event in log.events():

@@ -1,8 +1,8 @@
 """The volume, the route and the stops of a pass for Foxglove's 3D panel: foxglove.SceneUpdate,
 lengths in metres.
 
-A viewer that jumps in time receives only the newest message: so each message holds the whole scene,
-but only the newest stops of a long pass.
+A viewer that jumps in time receives only the newest message, so each message contains the whole
+scene. A long pass is drawn with only its newest stops.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,9 @@ from stepdiag.daq.log.topics import VOLUME_TOPIC, Note
 LINE_STRIP, LINE_LIST = 0, 2
 FRAME = "machine"
 STOP_SHARE = 0.012
-"""Diameter of a drawn stop, as a share of the longest side of the volume."""
+"""Diameter of a drawn stop as a share of the longest side of the volume."""
 MOST_DRAWN = 250
-"""Largest number of drawn stops; a route with more stops is drawn as the line between its ends."""
+"""Largest number of drawn stops; a route with more stops is drawn as a line between its ends."""
 GREY, BLUE = (
     {"r": 0.6, "g": 0.6, "b": 0.6, "a": 1.0},
     {"r": 0.05, "g": 0.36, "b": 0.55, "a": 1.0},
@@ -66,9 +66,6 @@ def scene_note(volume: Volume, route_mm: Route, stops: Sequence[CapturedStop]) -
 
 @lru_cache(maxsize=2)
 def _volume_and_route(volume: Volume, route: bytes) -> list[dict[str, Any]]:
-    """Return the lines of the volume and of the route, which are the same after every stop of a
-    pass.
-    """
     route_mm = np.frombuffer(route).reshape(-1, 3).tolist()
     drawn_mm = route_mm if len(route_mm) <= MOST_DRAWN else [route_mm[0], route_mm[-1]]
     return [

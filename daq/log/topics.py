@@ -1,10 +1,10 @@
-"""The channels of a log: topic, hand-written schema, and notes for a viewer.
+"""The channels of a log: topic, schema, and notes for a viewer.
 
-Foxglove and PlotJuggler read JSON messages with JSON schemas of a narrow dialect: the root is an
-object with properties, each property has one plain type, and there are no unions, references or
-arrays of arrays (acquisition.md B2, rule 4). Names of properties contain the units; a state is
-logged as number and as text, because PlotJuggler drops texts (rule 6). Unknown values are left out
-of a message.
+Foxglove and PlotJuggler read JSON messages with schemas of a narrow dialect: the root is an object
+with properties, each property has one plain type, and there are no unions, references or arrays of
+arrays (acquisition.md B2, rule 4). The names of properties contain the units. A state is logged as
+number and as text, because PlotJuggler discards texts (rule 6). An unknown value is left out of a
+message.
 """
 
 import json
@@ -34,8 +34,8 @@ TIME: Schema = {
     "title": "time",
     "properties": {"sec": INTEGER, "nsec": INTEGER},
 }
-"""Schema of a wall time in seconds and nanoseconds: one number of a viewer cannot hold nanoseconds
-since 1970.
+"""Schema of a wall time in seconds and nanoseconds: a number of a viewer cannot represent
+nanoseconds since 1970.
 """
 
 
@@ -49,7 +49,6 @@ class Channel:
 
     @property
     def schema(self) -> bytes:
-        """Return the JSON schema of the channel's messages."""
         return json.dumps(
             {"title": self.schema_name, "type": "object", "properties": self.properties}
         ).encode()
@@ -57,8 +56,8 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A message for a person: derived from the raw events, never used by a replay. ``time_ns`` is
-    the host's clock.
+    """A message for a viewer, computed from the raw events and ignored by a replay. ``time_ns`` is
+    the time of the host's clock.
     """
 
     topic: str
@@ -192,7 +191,7 @@ _SCENE = {
     "deletions": {"type": "array", "items": _DELETION},
     "entities": {"type": "array", "items": _ENTITY},
 }
-"""The part of foxglove.SceneUpdate that is in use (docs.foxglove.dev, message schemas)."""
+"""The used part of foxglove.SceneUpdate (docs.foxglove.dev, message schemas)."""
 _FOXGLOVE_LOG = {
     "timestamp": TIME,
     "level": INTEGER,
@@ -226,7 +225,7 @@ DECODED_TOPICS: dict[Stream, str] = {
     "head": "/head/decoded",
     "air": "/air/decoded",
 }
-"""Topics of the samples in the files of ``stepdiag decode``; a log itself holds the bytes."""
+"""Topics of the samples in the files of ``stepdiag decode``; a log contains bytes, not samples."""
 
 CHANNELS: tuple[Channel, ...] = (
     *(Channel(topic, "stepdiag.Bytes", _BYTES) for topic in RAW_TOPICS.values()),
@@ -263,22 +262,20 @@ DECODED_CHANNELS: dict[Stream, Channel] = {
 }
 
 MESSAGES = ("broken", "unwatched", "doubts")
-"""The fields of a stop's note whose text is JSON, since viewers require plain types; further fields
-hold the English words.
+"""The fields of a stop's note whose text is JSON, because viewers require plain types; further
+fields contain the English words.
 """
 LOG_LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5}
 """Numbers of the levels of foxglove.Log."""
 
 
 def sample_note(time_ns: int, position_mm: float, beam: float | None, flags: int) -> Note:
-    """Return the note of the laser's reading at a moment, for display."""
     return Note(
         SAMPLE_TOPIC, time_ns, {"position_mm": position_mm, "beam": beam, "flags": flags}
     )
 
 
 def signals_note(time_ns: int, signals: Signals) -> Note:
-    """Return the note of the machine's signals at a moment."""
     return Note(
         SIGNALS_TOPIC, time_ns, {name: getattr(signals, name) for name in SIGNAL_NAMES}
     )
@@ -289,8 +286,9 @@ def stop_note(
 ) -> Note:
     """Return the note of a captured stop; its time is the end of the stop's window.
 
-    ``travel_mm`` is the change of the reading since the first stop of the pass, ``deviation_um``
-    the deviation of this change from the geometry; None if the count does not reach back.
+    ``travel_mm`` is the change of the reading since the first stop of the pass. ``deviation_um`` is
+    the deviation of this change from the geometry. Both are None if the count was lost since the
+    first stop.
     """
     fields = msgspec.structs.asdict(stop)
     messages = {name: value for name in MESSAGES if (value := fields.pop(name))}
@@ -309,7 +307,7 @@ def stop_note(
 
 def finding_note(time_ns: int, finding: Finding) -> Note:
     """Return the note of a finding. The number of its severity is a level of `/log`; its arguments
-    are a text of JSON, since viewers require plain types.
+    are a JSON text, because viewers require plain types.
     """
     severity = {"severity": LOG_LEVELS[finding.severity], "severity_text": finding.severity}
     fields = finding.as_json()
@@ -321,8 +319,8 @@ def finding_note(time_ns: int, finding: Finding) -> Note:
 
 
 def log_note(time_ns: int, level: str, message: str, name: str) -> Note:
-    """Return the note of a line of the program's own log for Foxglove's Log panel; ``level`` is a
-    key of `LOG_LEVELS`.
+    """Return the note of a line of the program's log for Foxglove's Log panel; ``level`` is a key
+    of `LOG_LEVELS`.
     """
     return Note(
         LOG_TOPIC,

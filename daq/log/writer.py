@@ -1,8 +1,8 @@
-"""Writes a log (MCAP) into a stream of bytes: header, batches of events, notes and end.
+"""Writes a log (MCAP) into a stream of bytes.
 
-A chunk has up to 64 KiB, zstd and a CRC. The recorder's flushes limit the loss with the last chunk;
-only a fast instrument fills a chunk before a flush, and smaller chunks would then take a quarter
-more time. Messages hold batches of events (`daq.log.codec`).
+A chunk has up to 64 KiB, zstd and a CRC. The flushes of the recorder limit the loss of the last
+chunk. Only a fast instrument fills a chunk before a flush; smaller chunks would need a quarter more
+time.
 """
 
 import hashlib
@@ -35,9 +35,7 @@ RUN_STOP = "stepdiag.run_stop"
 SURVEY_ATTACHMENT = "survey.toml"
 CHUNK_BYTES = 65_536
 BATCH_BYTES = 65_536
-"""Number of bytes in waiting batches at which the batches are written, whatever the time: about the
-length of their text.
-"""
+"""Number of waiting bytes at which batches are written at once; about the length of their text."""
 
 ExitStatus = Literal["complete", "aborted", "interrupted"]
 
@@ -47,8 +45,8 @@ class LogHeader:
     """The first record of a log.
 
     ``wall_offset_ns`` is the time of day minus the host's clock (`host_clock`). ``run`` (run id,
-    setup, state to start from) and ``clock`` (latency timer, low-latency mode) hold texts by free
-    names; the program adds versions and the survey's SHA-256.
+    setup, initial state) and ``clock`` (latency timer, low-latency mode) contain texts by free
+    names. The program adds versions and the SHA-256 of the survey file.
     """
 
     survey_text: str
@@ -59,14 +57,11 @@ class LogHeader:
 
 
 def survey_digest(text: str) -> str:
-    """Return the SHA-256 of a survey file's text in hexadecimal form."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 class LogWriter:
-    """Writes the events and notes of a log into a stream that has ``write``, ``tell`` and
-    ``flush``.
-    """
+    """Writes the events and notes of a log into a stream with ``write``, ``tell`` and ``flush``."""
 
     def __init__(self, stream: object, header: LogHeader) -> None:
         self.counts: Counter[str] = Counter()
@@ -120,7 +115,7 @@ class LogWriter:
             )
 
     def event(self, event: Event) -> None:
-        """Add the next event in the order of consumption; the event's times are stored in whole
+        """Add the next event in the order of processing; its times are stored in whole
         microseconds.
         """
         event = whole_us(event)
@@ -157,12 +152,12 @@ class LogWriter:
         )
 
     def flush(self) -> None:
-        """Pass everything added until now to the stream, as a closed chunk."""
+        """Pass all added events and notes to the stream, as a closed chunk."""
         self._write_batches()
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self, status: ExitStatus, reason: str, counters: Mapping[str, int]) -> None:
-        """Write the end of the log: its status, its counts, the indexes."""
+        """Write the end of the log: its status, its counts, and the indexes."""
         self._write_batches()
         totals = {"events": self._next, **self.counts, **counters}
         self._writer.flush()  # type: ignore[no-untyped-call]

@@ -1,9 +1,9 @@
-"""The mirror's tilt from the first steps of a pass, early enough to realign the mirror during the
+"""The mirror tilt from the first steps of a pass, early enough to realign the mirror during the
 pass.
 
-If the mirror's normal differs from the diagonal by ``nu``, every step of axis a has the constant
-error ``nu_a * step_a`` (theory.md 4.2). The machine's own slopes, tens of microradians, count as
-tilt as well.
+If the normal of the mirror differs from the diagonal by ``nu``, every step of axis a has the
+constant error ``nu_a * step_a`` (theory.md 4.2). The slopes of the machine, tens of microradians,
+count as tilt, too.
 """
 
 import math
@@ -17,14 +17,14 @@ from stepdiag.daq.capture.naming.route import Route
 from stepdiag.daq.passes.stretches import OnZero
 
 POSSIBLE_MRAD = 20.0
-"""Largest tilt of a mirror that returns the beam into a head: a larger slope of the steps has
-another cause (CHOSEN).
+"""Largest tilt in mrad of a mirror that reflects the beam into the head; a larger slope of the
+steps has another cause (CHOSEN).
 """
 
 
 def mirror_tilt_mrad(route: Route, stops: Sequence[OnZero]) -> tuple[float, float] | None:
-    """Return the tilt of the mirror against the diagonal about two axes, in mrad: sideways and
-    upwards, viewed along the beam.
+    """Return the tilt of the mirror against the diagonal in mrad: sideways and upwards, viewed
+    along the beam.
 
     None for a run along one axis, before every axis has made a step between two good stops, and for
     a tilt above `POSSIBLE_MRAD`.
@@ -56,8 +56,8 @@ def mirror_tilt_mrad(route: Route, stops: Sequence[OnZero]) -> tuple[float, floa
 def tilt_effect_um(
     route: Route, tilt_mrad: tuple[float, float], stops: Sequence[int]
 ) -> NDArray[np.float64]:
-    """Return the effect of a mirror tilt on the readings at ``stops`` of a route, relative to the
-    first stop of the route, in um, shape (k,).
+    """Return the effect of a mirror tilt on the readings at ``stops`` of a route in um, shape (k,),
+    relative to the first stop of the route.
     """
     way = route.stops_mm[list(stops)] - route.stops_mm[0]
     effect: NDArray[np.float64] = way @ np.column_stack(_across(route)) @ np.array(tilt_mrad)

@@ -1,4 +1,6 @@
-"""Comparison of the passes of a setup: place, pass and size of a step in the laser's count."""
+"""Comparison of the passes of a setup, to find a jump of the laser's count: its place, pass and
+size.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -21,24 +23,24 @@ from stepdiag.daq.passes.slips import (
 )
 
 CLEARLY = 0.5
-"""Largest ratio of two misfits: of two passes that differ in a step, a finding names one only if
-the step fits this pass at least twice as well as the other.
+"""Largest ratio of two misfits. A finding assigns a jump to one of two passes only if the jump fits
+this pass at least twice as well as the other pass.
 """
 TELLS = 6.0
-"""Least size of an odd step in a single pass, in robust standard deviations of the pass's other
-steps.
+"""Least size of an odd step in a single pass, in robust standard deviations of the other steps of
+the pass.
 """
 CONFIRMED = 0.5
-"""If an odd step repeats, within this share of its size, when the pass is driven again, the machine
-makes the step, not the count.
+"""Share of the size of an odd step. If the step repeats within this share when the pass is driven
+again, the machine causes the step, not the count.
 """
 
 
 def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ...]]:
     """Return the doubts about each pass, by the index of the pass.
 
-    Incomplete passes, and runs of the 4-DOF head, give no doubts. ``alone``: the plan has one pass
-    per setup, which is judged only by its own steps.
+    Incomplete passes, and runs of the 4-DOF head, have no doubts. ``alone`` means that the plan has
+    one pass per setup; the pass is then judged only by its own steps.
     """
     against: dict[int, tuple[Doubt, ...]] = dict.fromkeys(range(len(passes)), ())
     if not passes or passes[0].route.travel.is_fourdof:
@@ -71,8 +73,8 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
 
 
 def may_hide_um(each: Pass, stop: int, others: Sequence[Pass]) -> float:
-    """Return the largest loss of count on the way to a stop, in um, that is compatible with the
-    other passes of the setup; infinite if no other pass has an unbroken count on this way.
+    """Return the largest loss of count before a stop, in um, that is compatible with the other
+    passes of the setup; infinite if no other pass has an unbroken count over this step.
 
     Passes with another order of axes are left out, because their steps differ.
     """
@@ -91,7 +93,7 @@ def may_hide_um(each: Pass, stop: int, others: Sequence[Pass]) -> float:
 
 
 def _counted_through(each: Pass, other: Pass, place: int) -> bool:
-    """Return whether the pass ``other`` has the same stops as ``each``, and made the step to an
+    """Return whether the pass ``other`` has the same stops as ``each``, and drove the step to an
     outward stop within one stretch of count.
     """
     along, against = (1 if one.route.outward else -1 for one in (each, other))
@@ -117,9 +119,7 @@ def _between(one: "_Readings", other: Pass, place: int) -> float:
 
 
 def _seen_before(each: Pass, step: Step) -> bool:
-    """Return whether a pass shows the same step each time it was driven: then the machine makes the
-    step.
-    """
+    """Return whether every drive of a pass shows the step, so that the machine causes the step."""
     here, there = each.measured.get(step.stop, ()), each.measured.get(step.stop - 1, ())
     made = [
         (one.beside_mm - before.beside_mm) * 1e3
@@ -131,20 +131,20 @@ def _seen_before(each: Pass, step: Step) -> bool:
 
 
 def _one_sided(each: Pass) -> int:
-    """Return the number of stops at the beginning of a pass at which not every axis has moved since
-    the machine reversed; 0 without a reversal at its first stop.
+    """Return the number of stops at the beginning of a pass at which some axis has not moved since
+    the machine reversed; 0 without a reversal at the first stop.
 
-    At these stops the reversal of each axis appears in turn; it is no error of the count.
+    At these stops the reversal of each axis appears in turn; the reversal is no error of the count.
     """
     axes = [each.route.axis_to(index) for index in range(len(each.route))]
     return max(axes.index(axis) for axis in set(axes[1:])) if each.chosen()[0].turned else 0
 
 
 class _Readings:
-    """The readings of a complete pass minus the nominal readings, in the order of the outward
-    route, and their uncertainties, in um.
+    """Measured minus nominal readings of a complete pass in the order of the outward route, and
+    their uncertainties, in um.
 
-    ``low`` to ``high`` are the stops that every axis approached in the direction of the pass.
+    Every axis approached the stops ``low`` to ``high`` in the direction of the pass.
     """
 
     def __init__(self, each: Pass, one_sided: int) -> None:
@@ -185,8 +185,8 @@ class _Readings:
         )
 
     def in_pass(self, place: int, size_um: float, noise_um: float) -> Step:
-        """Return a step between the outward stops ``place - 1`` and ``place`` in the order of this
-        pass.
+        """Return the step between the outward stops ``place - 1`` and ``place`` in the order of
+        this pass.
         """
         return Step(self._stop_in_pass(place), size_um, noise_um)
 
@@ -194,15 +194,15 @@ class _Readings:
         return place if self.outward else len(self.off_um) - place
 
     def own_um(self, place: int) -> float:
-        """Return the deviation of this pass's own step from the other steps of its axis, in the
-        direction of travel.
+        """Return the deviation in um of the step to ``place`` from the other steps of its axis, in
+        the direction of travel.
         """
         off = like_its_axis(np.diff(self.off_um), self.axes, place)
         return off if self.outward else -off
 
     def scatter_um(self, place: int) -> float:
-        """Return the robust standard deviation in um of the steps of the pass except the step to
-        ``place``, each relative to the steps of its axis.
+        """Return the robust standard deviation in um of the steps of the pass without the step to
+        ``place``, each step relative to the steps of its axis.
         """
         return scatter_of_steps(np.diff(self.off_um), self.axes, place)
 
@@ -241,8 +241,8 @@ def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
 
 
 def _size_um(each: _Readings, along_outward_um: float) -> float:
-    """Return the size of a step in the count of its pass: a return pass makes the step in the
-    opposite direction.
+    """Return the size of a step in um in the count of its pass: a return pass drives the step in
+    the opposite direction.
     """
     return along_outward_um if each.outward else -along_outward_um
 

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 from stepdiag.daq.passes.driven import Pass
 
 CLOCK_S = 2.0
-"""Uncertainty in s of the time of day after a power cut: a computer's clock without a network
+"""Uncertainty in s of the time of day after a power cut: without a network a computer's clock
 starts in whole seconds.
 """
 TIMED_S = 0.005
-"""Uncertainty in s of the time between two stops of one stretch, by the instrument's own number."""
+"""Uncertainty in s of the time between two stops of one stretch, from the sample numbers of the
+instrument.
+"""
 CHANCE = 0.1
-"""Largest probability that a number fits the time by chance, for a proof. (A laser that was
-switched on again also counts from zero.)
+"""Largest probability that a sample number fits the time by chance, for a proof. (A laser that was
+switched on again counts from zero, too.)
 """
 
 
@@ -31,7 +33,7 @@ class Counted:
 
 @dataclass(slots=True)
 class Numbered:
-    """The instrument's own number, and the time in s, at the first and at the last stop of an
+    """The instrument's sample number and the time in s at the first and at the last stop of an
     unbroken stretch; None before the first stop.
     """
 
@@ -39,17 +41,17 @@ class Numbered:
     last: tuple[int, float] | None = None
 
     def add(self, count: int | None, time_s: float) -> None:
-        """Add the next stop; a stop without a number changes nothing."""
+        """Add the next stop; a stop without a sample number is ignored."""
         if count is not None:
             self.last = count, time_s
             self.first = self.first or self.last
 
 
 def went_on(before: Numbered, after: Numbered, repeats_after: float) -> bool | None:
-    """Return whether the instrument's own number advanced between two stretches like the time of
-    day, so that the instrument ran throughout. None without numbers to compare.
+    """Return whether the sample number of the instrument advanced between two stretches like the
+    time of day, which proves that the instrument ran throughout; None without sample numbers.
 
-    The rate of the number is taken from the longer stretch.
+    The rate of the sample number is taken from the longer stretch.
     """
     if (
         before.first is None
@@ -74,11 +76,11 @@ def went_on(before: Numbered, after: Numbered, repeats_after: float) -> bool | N
 
 
 def on_one_count(passes: Sequence[Pass]) -> list[Counted]:
-    """Return the passes in their order with a ``zero``, a number from 1 in each setup: passes of a
-    setup that certainly share one count have the same ``zero``.
+    """Return the passes in their order, each with a ``zero``: passes of a setup that certainly
+    share one count have the same number, counted from 1 in each setup.
 
-    Two passes share a count if a stretch reaches into both. A stretch that begins after an
-    unwatched time joins no passes: a lost count in this time would be mistaken for backlash.
+    Two passes share a count if a stretch contains stops of both. A stretch after an unwatched time
+    does not connect passes, because a lost count in this time would look like backlash.
     """
     found: dict[int, Counted] = {}
     for setup in dict.fromkeys(each.route.setup for each in passes):
@@ -94,9 +96,6 @@ def on_one_count(passes: Sequence[Pass]) -> list[Counted]:
 
 
 def _beside(placed: Sequence[Counted], each: Pass) -> Counted:
-    """Return a pass with the ``zero`` of an earlier pass that has a common stretch, or with a new
-    ``zero``.
-    """
     own = {stretch: zero for stretch, zero in each.zeros().items() if not zero.doubt}
     for other in reversed(placed):
         for stretch, zero in other.driven.zeros().items():

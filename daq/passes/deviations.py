@@ -1,4 +1,4 @@
-"""Deviations for display: corrected for air, dead path and the mirror's tilt.
+"""Deviations for display, corrected for air, dead path and mirror tilt.
 
 The outward and the return pass of a setup share one zero, one sign and one numbering.
 """
@@ -17,7 +17,7 @@ from stepdiag.daq.survey.models import Survey
 
 
 class RecentStops:
-    """The displayed stops of the newest pass and of the previous pass of its setup; computed again
+    """The displayed stops of the newest pass and of the previous pass of its setup, computed again
     only after a new stop.
     """
 
@@ -26,8 +26,9 @@ class RecentStops:
         self._stops: tuple[StopStatus, ...] = ()
 
     def of(self, survey: Survey, book: PassBook) -> tuple[StopStatus, ...]:
-        """Return the stops of both passes in the order in which they are driven; empty before the
-        first stop of a survey."""
+        """Return the stops of both passes in the order of driving; empty before the first stop of a
+        survey.
+        """
         driven = book.driven
         if driven is None:
             return ()
@@ -63,8 +64,8 @@ def _both(survey: Survey, book: PassBook, driven: Pass) -> tuple[StopStatus, ...
 def _back_um(
     survey: Survey, out: Pass, back: Pass, out_um: dict[int, float]
 ) -> dict[int, float]:
-    """Return the deviations of a return pass on the zero of the outward pass: by a common count, or
-    else joined at the far end.
+    """Return the deviations of a return pass on the zero of the outward pass. Without a common
+    count both passes have equal deviations at the far end.
     """
     counted, own = on_one_count([out, back]), _own_um(survey, back)
     end = max(out.chosen())
@@ -82,8 +83,8 @@ def _back_um(
 
 
 def _own_um(survey: Survey, each: Pass) -> dict[int, float]:
-    """Return reading - nominal by stop, relative to the pass's first stop, corrected for air and
-    tilt.
+    """Return reading minus nominal by stop in um, relative to the first stop of the pass, corrected
+    for air and tilt.
     """
     chosen = each.chosen()
     stops = sorted(chosen)
@@ -125,5 +126,4 @@ def _pass_stops(each: Pass, deviations_um: dict[int, float]) -> list[StopStatus]
 
 
 def _beside_mm(each: Pass, stop: OnZero) -> float:
-    """Return the reading minus the nominal reading at the machine's position."""
     return stop.reading_mm - each.route.nominal_at_mm(stop.position_mm)

@@ -1,4 +1,4 @@
-"""Doubts about a reading in use, and the operator's acceptance of a doubt."""
+"""Doubts about a used reading, and the operator's acceptance of a doubt."""
 
 from collections.abc import Iterable
 
@@ -23,20 +23,19 @@ DRIVEN_AGAIN = frozenset(
         "too-many-outliers",
     }
 )
-"""Messages that name a pass or stop to drive again."""
+"""Messages that contain a pass or stop to drive again."""
 STATED = frozenset({"step-mismatch.exchanged", "step-mismatch.scales"})
-"""Messages that name a line of the survey file, or a value to state: driving again does not remove
-such a doubt.
+"""Messages that contain a line of the survey file, or a value to enter: driving again does not
+remove such a doubt.
 """
 
 
 class Doubt(msgspec.Struct, frozen=True, kw_only=True):
-    """A reading that may be wrong. The doubt keeps its pass open until its stop is measured again
-    or the operator accepts it.
+    """A possible error of a reading. The doubt keeps its pass open until its stop is measured again
+    or the operator accepts the doubt.
 
-    ``stop`` is None for the whole pass. ``taken_ns`` is the beginning of the window in doubt: a
-    repeated stop is another measurement, and an acceptance of the earlier measurement does not
-    cover it.
+    ``stop`` is None for the whole pass. ``taken_ns`` is the beginning of the doubted window: a
+    repeated stop is another measurement, for which an earlier acceptance is not valid.
     """
 
     setup: str
@@ -51,8 +50,8 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def place(self) -> str:
-        """Return the place of the doubt in its written form: ``ppp/1/5`` is stop 5 of pass 1 of
-        ppp, ``ppp/1`` the whole pass.
+        """Return the place of the doubt as text: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1``
+        is the whole pass.
         """
         return f"{self.setup}/{self.pass_number}" + (
             "" if self.stop is None else f"/{self.stop}"
@@ -60,8 +59,8 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def at(self) -> Place:
-        """Return the place of the doubt; without the direction for a doubt from an old file, whose
-        message names the direction.
+        """Return the place of the doubt. The place has no direction if the doubt is from an old
+        file, whose message contains the direction.
         """
         return Place(
             setup=self.setup,
@@ -73,36 +72,35 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def names_the_cure(self) -> bool:
-        """Return whether the doubt's message names a place to drive again, or a value to state."""
+        """Return whether the message of the doubt contains a place to drive again, or a value to
+        enter.
+        """
         return self.is_stated or (
             isinstance(self.why, Message) and self.why.key in DRIVEN_AGAIN
         )
 
     @property
     def is_stated(self) -> bool:
-        """Return whether only a statement removes the doubt, not another drive."""
+        """Return whether only an entered value removes the doubt."""
         return self.code == "air-unknown" or (
             isinstance(self.why, Message) and self.why.key in STATED
         )
 
     @property
     def line(self) -> str:
-        """Return the line of the survey file that the doubt's message names; empty without a
-        line.
-        """
+        """Return the line of the survey file in the message of the doubt; empty without a line."""
         return (
             str(self.why.arguments.get("line", "")) if isinstance(self.why, Message) else ""
         )
 
     @property
     def words(self) -> Words:
-        """Return the message of the doubt, preceded by its place."""
         return at(self.at, self.why)
 
 
 def places_of(doubts: Iterable[Doubt]) -> list[str]:
-    """Return the different places of doubts, in order: two findings at a stop are one place to
-    inspect.
+    """Return the different places of doubts, in order. Two findings at one stop have the same
+    place.
     """
     return list(dict.fromkeys(doubt.place for doubt in doubts))
 
@@ -122,9 +120,7 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
 
     def covers(self, doubt: Doubt) -> bool:
-        """Return whether an acceptance applies to a doubt: the same finding of the same
-        measurement.
-        """
+        """Return whether the acceptance is for the finding and the measurement of the doubt."""
         mine = (self.setup, self.pass_number, self.stop, self.code, self.taken_ns)
         return mine == (
             doubt.setup,
@@ -136,8 +132,8 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TimeStated(msgspec.Struct, frozen=True, kw_only=True):
-    """A person's statement of the time of the first stop, in seconds since 1970: the stated time,
-    the person, the clock's time at the statement, and the reason.
+    """The time of the first stop that a person entered, in seconds since 1970, with the person, the
+    time of the clock at the entry, and the reason.
     """
 
     begun_s: float

@@ -1,5 +1,5 @@
-"""A pass as driven until now: its stops with a usable reading, its doubtful stops, and the
-remedies.
+"""The state of a pass while it is driven: its stops with a usable reading, its doubtful stops, and
+the remedies.
 """
 
 from collections.abc import Sequence
@@ -26,12 +26,12 @@ Chosen = dict[int, OnZero]
 
 @dataclass(slots=True)
 class Pass:
-    """A pass as driven until now. A repeated measurement of a stop replaces the earlier measurement
-    if both have a known common zero.
+    """The state of a pass. A repeated measurement of a stop replaces the earlier measurement if
+    both have a known common zero.
 
-    ``placed``: the machine sends its position. Otherwise the operator can continue from a stop only
-    while the laser's count is unbroken. ``acceptances`` is the list of acceptances in the
-    `PassBook`; ``against`` are the doubts from other passes of the setup.
+    ``placed`` means that the machine sends its position. Without a position the operator can
+    continue from a stop only while the laser's count is unbroken. ``acceptances`` is the list of
+    acceptances in the `PassBook`; ``against`` are the doubts from other passes of the setup.
     """
 
     route: Route
@@ -51,14 +51,14 @@ class Pass:
     _chosen: Chosen | None = None
     _shown: Chosen = field(default_factory=dict)
     _used: dict[int, tuple[Measured, float]] = field(default_factory=dict)
-    """The valid measurement of every stop, and the offset in mm of the measurement's zero."""
+    """The valid measurement of every stop, and the offset in mm of its zero."""
 
     def __post_init__(self, same_um: float) -> None:
         self._stretches.same_um = same_um
 
     @property
     def measured(self) -> dict[int, list[Measured]]:
-        """Return all measurements of each stop, in the order of their capture."""
+        """Return all measurements of each stop, in the order of capture."""
         return self._stretches.measured
 
     @property
@@ -67,12 +67,11 @@ class Pass:
 
     @property
     def run(self) -> Message:
-        """Return the name of the pass as a message."""
         return run(self.route.setup, self.way)
 
     @property
     def place(self) -> str:
-        """Return the written form of the pass, such as ``ppp/1``."""
+        """Return the name of the pass, such as ``ppp/1``."""
         return f"{self.route.setup}/{self.number}"
 
     def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:
@@ -86,8 +85,8 @@ class Pass:
         )
 
     def add(self, stop: CapturedStop, stretch: int, slip_um: float | None = None) -> None:
-        """Add the measurement of a stop, unless its reading was refused. ``slip_um``: a new stretch
-        begins with this stop, because its reading differs from the earlier reading by this amount.
+        """Add the measurement of a stop; a refused reading is ignored. ``slip_um`` is the
+        difference to the earlier reading if a new stretch begins with this stop.
         """
         self._zeros = self._chosen = None
         if stop.unwatched and not stop.broken and self._stretch is not None:
@@ -109,17 +108,16 @@ class Pass:
         )
 
     def zeros(self) -> Zeros:
-        """Return the zero of every stretch that can be joined."""
         if self._zeros is None:
             self._zeros = self._stretches.zeros(len(self.route))
         return self._zeros
 
     def chosen(self) -> Chosen:
-        """Return the valid measurement of every stop, by stop number, with its reading on the zero
-        of the pass.
+        """Return the valid measurement of every stop by number, with its reading on the zero of the
+        pass.
 
-        The latest usable measurement is valid; of several during one standstill, the undoubted
-        measurement with the most samples (the longest steady part).
+        The latest usable measurement is valid. Of several measurements during one standstill, the
+        undoubted measurement with the most samples is valid.
         """
         if self._chosen is None:
             zeros, before = self.zeros(), self._used
@@ -128,8 +126,8 @@ class Pass:
                 for index, entries in sorted(self.measured.items())
                 if (each := self._best(entries)) is not None
             }
-            # a new stop does not change the other stops of its pass; computing them again would
-            # delay the machine
+            # a new stop does not change the other stops of its pass, and computing these
+            # stops again would delay the machine
             self._chosen = self._shown = {
                 index: self._shown[index]
                 if before.get(index) == used
@@ -139,7 +137,6 @@ class Pass:
         return self._chosen
 
     def uses(self, stop: CapturedStop) -> bool:
-        """Return whether a captured stop is the valid measurement of this stop of the pass."""
         return stop.stop in self.chosen() and self._used[stop.stop][0].stop is stop
 
     def _best(self, entries: list[Measured]) -> Measured | None:
@@ -153,8 +150,8 @@ class Pass:
 
     @property
     def base(self) -> int | None:
-        """Return the stretch whose zero is the zero of `chosen`: passes with the same stretch share
-        a zero. None before the first stop of the pass.
+        """Return the stretch that defines the zero of `chosen`; None before the first stop of the
+        pass. Passes with an equal stretch have readings on a common zero.
         """
         return next(iter(self.zeros()), None)
 
@@ -171,13 +168,11 @@ class Pass:
 
     @property
     def complete(self) -> bool:
-        """Return whether the pass is whole, and a person has accepted each of its doubts."""
+        """Return whether the pass is whole, and every doubt is accepted."""
         return self.whole and not self.open_doubts()
 
     def doubts(self) -> tuple[Doubt, ...]:
-        """Return the doubts about the readings in use, accepted or not, in the order of the
-        stops.
-        """
+        """Return the doubts about the used readings, accepted or not, in the order of the stops."""
         of_stops = [
             self.doubted(stop, code, stop.why(code))
             for stop in self.chosen().values()
@@ -204,7 +199,6 @@ class Pass:
         return (*sorted(of_stops, key=lambda each: each.stop or 0), *self.against, *held)
 
     def open_doubts(self) -> tuple[Doubt, ...]:
-        """Return the doubts that nobody has accepted."""
         return tuple(
             each
             for each in self.doubts()
@@ -214,7 +208,6 @@ class Pass:
     def doubted(
         self, stop: CapturedStop, code: str, why: Words, size_um: float | None = None
     ) -> Doubt:
-        """Return a new doubt about a stop of this pass."""
         return Doubt(
             setup=self.route.setup,
             pass_number=self.number,
@@ -228,14 +221,14 @@ class Pass:
         )
 
     def stretch_at(self, index: int) -> int | None:
-        """Return the stretch of count of the measurement in use at a stop; None without a
+        """Return the stretch of count of the used measurement at a stop; None without a
         measurement.
         """
         return self._used[index][0].stretch if index in self.chosen() else None
 
     def cuts(self) -> dict[int, Unwatched]:
-        """Return the unwatched times between a reading in use and the next one, by the stretch that
-        follows.
+        """Return the unwatched times between a used reading and the next used reading, by the later
+        stretch.
         """
         return {
             stretch: cut
@@ -247,8 +240,8 @@ class Pass:
         }
 
     def judge(self, cut: Unwatched, *, proven: bool, unproven: Words = "") -> None:
-        """Record whether the count is proven to be unbroken over an unwatched time, or why it is
-        not.
+        """Record whether the count is proven to be unbroken over an unwatched time; ``unproven`` is
+        the reason for a missing proof.
         """
         if (proven, unproven) != (cut.proven, cut.unproven):
             cut.proven, cut.unproven = proven, unproven
@@ -260,7 +253,7 @@ class Pass:
         )
 
     def doubt(self, index: int) -> Words:
-        """Return why the reading in use at a stop may be wrong; empty without a doubt."""
+        """Return the reason to doubt the used reading at a stop; empty without a doubt."""
         if index not in self.chosen():
             return ""
         stop = self.chosen()[index]
@@ -277,14 +270,14 @@ class Pass:
 
     @property
     def is_driven(self) -> bool:
-        """Return whether driving again is useless: no stop is missing, and only a statement can
-        remove the open doubts.
+        """Return whether driving again is useless: no stop is missing, and only an entered value
+        can remove the open doubts.
         """
         return not self.missing and all(each.is_stated for each in self.open_doubts())
 
     def why_doubtful(self) -> Words:
-        """Return a message with the stops that may be wrong, the reasons, and the remedy; empty
-        without an open doubt.
+        """Return a message with the doubted stops, the reasons, and the remedy; empty without an
+        open doubt.
         """
         still = self.open_doubts()
         if not still:
@@ -331,7 +324,7 @@ class Pass:
         return message("stops-missing", stops=missing, again=again)
 
     def again_from(self) -> int:
-        """Return the number of the stop from which to drive again; 0 means the whole pass."""
+        """Return the number of the first stop to drive again; 0 means the whole pass."""
         missing, still = self.missing, self.open_doubts()
         if not self._may_go_on() or (
             not missing and (not still or still[0] in (*self.against, *self.suspected))
@@ -348,7 +341,6 @@ class Pass:
         )
 
     def _doubted(self, still: Sequence[Doubt]) -> list[int]:
-        """Return the stops with a reading in use that the given doubts concern."""
         named = {each.stop for each in still}
         return [
             index
@@ -357,8 +349,8 @@ class Pass:
         ]
 
     def _may_go_on(self) -> bool:
-        """Return whether the machine may continue in the middle of the pass: the position from the
-        machine, or the laser's unbroken count, shows where it is.
+        """Return whether the machine may continue in the middle of the pass: the machine's
+        position, or the unbroken count of the laser, identifies the stop.
         """
         return (
             self.placed

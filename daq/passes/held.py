@@ -1,4 +1,4 @@
-"""The uncertainty of the values that replace a rejected sensor's values, for the budget of a
+"""The uncertainty of the values that replace missing values of a sensor, for the budget of a
 survey.
 """
 
@@ -17,7 +17,7 @@ from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Survey
 
 NEVER_SEEN_S = 3600.0
-"""Age in s of a sensor's reading that is as uncertain as an unconfirmed value of the survey
+"""Age in s at which a reading of a sensor is as uncertain as an unconfirmed value of the survey
 file.
 """
 
@@ -25,7 +25,7 @@ file.
 @dataclass(frozen=True, slots=True)
 class Held:
     """A condition that no sensor measured at some stops: the number of these stops, and the largest
-    standard uncertainty of the values used there.
+    standard uncertainty of the replacing values.
     """
 
     name: str
@@ -34,8 +34,8 @@ class Held:
 
 
 def held_conditions(book: PassBook, stated: Iterable[str] = ()) -> tuple[Held, ...]:
-    """Return the conditions for which stops in use have a replaced value, except conditions
-    ``stated`` afterwards.
+    """Return the conditions with a replaced value at used stops, except conditions ``stated``
+    afterwards.
 
     The uncertainty covers the possible change of a value since its last valid reading
     (`capture.conditions`), taken as the half width of a rectangular distribution (GUM 4.3.7).
@@ -52,8 +52,8 @@ def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Ass
     """Return the assumptions with the uncertainty of the replaced values of air and material added
     in quadrature.
 
-    It is unknown which part of the uncertainty is common to all setups, so the full uncertainty is
-    added to both assumptions: for the whole survey, and from setup to setup.
+    The part of the uncertainty that is common to all setups is unknown, so the full uncertainty is
+    added to two assumptions: for the whole survey, and from setup to setup.
     """
     u: dict[str, float] = {}
     for each in held:
@@ -71,10 +71,10 @@ def assumed_conditions(
     book: PassBook, survey: Survey, stated: Iterable[str] = ()
 ) -> tuple[Held, ...]:
     """Return the conditions of the air that affect the readings and that no sensor measured at some
-    of the stops in use.
+    used stops.
 
     At these stops the value of the survey file was used. Conditions stated in the file or
-    afterwards are left out, and so is the material's temperature, which the solver treats.
+    afterwards are left out, and so is the material temperature, which the solver treats.
     """
     if survey.laser.compensated or survey.environment.source == "fixed":
         return ()
@@ -101,9 +101,6 @@ def _in_use(book: PassBook) -> Iterator[CapturedStop]:
 
 
 def _u_by_name(stops: Iterable[CapturedStop]) -> dict[str, list[float]]:
-    """Return the standard uncertainties of the replaced values, by condition, for stops in order of
-    time.
-    """
     found: dict[str, list[float]] = {name: [] for name in COURSES}
     seen_s: dict[str, float] = {}
     for stop in stops:
@@ -118,8 +115,8 @@ def _u_by_name(stops: Iterable[CapturedStop]) -> dict[str, list[float]]:
 
 
 def _index_u(survey: Survey, u: Mapping[str, float]) -> float:
-    """Return the additional relative uncertainty of the index of the air; 0 where the instrument
-    corrects its air itself.
+    """Return the additional relative uncertainty of the index of air; 0 for an instrument that
+    corrects its own air.
     """
     if survey.laser.compensated or not any(name in u for name in AIR):
         return 0.0

@@ -1,6 +1,4 @@
-"""All passes of a survey: assigns stops to passes, and finds the next wanted pass and the
-doubts.
-"""
+"""All passes of a survey."""
 
 import math
 from collections.abc import Iterable
@@ -27,7 +25,7 @@ from stepdiag.daq.timing.stream import Break
 
 
 class PassBook:
-    """All passes of a survey, built from captured stops in the order of their capture."""
+    """All passes of a survey, from captured stops in the order of capture."""
 
     def __init__(self, survey: Survey) -> None:
         self._survey = survey
@@ -35,10 +33,10 @@ class PassBook:
         self._stretch = 0
         self.last: CapturedStop | None = None
         self.preferred = ""
-        """The setup that the operator chose to drive next; empty without a choice."""
+        """The next setup by the operator's choice; empty without a choice."""
         self.wrong_line = ""
-        """The line of the survey file that a finding names as wrong; until it is corrected, no pass
-        has to be driven again.
+        """The line of the survey file that is wrong according to a finding. Until the line is
+        corrected, no pass has to be driven again.
         """
         self.driven: Pass | None = None
         self.passes: list[Pass] = []
@@ -47,7 +45,7 @@ class PassBook:
         self.time_stated: TimeStated | None = None
         self._credible: dict[str, Credible] = {}
         self._numbered: dict[int, Numbered] = {}
-        """The instrument's own number within each stretch of count."""
+        """The sample numbers of the instrument in each stretch of count."""
         self._repeats_after = repeats_after(survey)
         self._known: dict[int, float] = {}
         self._believed: tuple[float, ...] = ()
@@ -66,12 +64,11 @@ class PassBook:
         return None if self.last is None else self.last.stop_count
 
     def add_all(self, stops: Iterable[CapturedStop]) -> None:
-        """Add stops in the order of their capture."""
         for stop in stops:
             self.add(stop)
 
     def add(self, stop: CapturedStop) -> Pass:
-        """Add the next captured stop; return the pass to which the stop belongs."""
+        """Add the next captured stop and return its pass."""
         while self._suspicions and self._suspicions[0][0] <= self.stops:
             self.suspect(self._suspicions.pop(0)[1])
         self._stretch += bool(stop.broken or stop.unwatched)
@@ -92,8 +89,8 @@ class PassBook:
         return current
 
     def _know(self, stop: CapturedStop, current: Pass, *, anew: bool) -> None:
-        """Store the readings of the unbroken count by stop: the next log finds the machine's stop
-        from them.
+        """Store the readings of the unbroken count by stop, from which the capture of the next log
+        identifies the stop of the machine.
         """
         if anew or self.last is None or self.last.setup != stop.setup:
             self._known = {}
@@ -111,8 +108,8 @@ class PassBook:
         return news
 
     def doubts(self) -> tuple[Doubt, ...]:
-        """Return the doubts about passes of the plan that nobody has accepted; each doubt keeps its
-        pass open.
+        """Return the doubts about planned passes without an acceptance; each doubt keeps its pass
+        open.
         """
         return tuple(
             doubt
@@ -123,7 +120,7 @@ class PassBook:
 
     def suspect(self, doubts: Iterable[Doubt]) -> None:
         """Replace the doubts from other sources, such as the solver. A doubt applies while its
-        measurement is in use.
+        measurement is used.
         """
         self._suspected = tuple(doubts)
         for each in self.passes:
@@ -134,21 +131,19 @@ class PassBook:
             ]
 
     def foretell(self, suspicions: Iterable[tuple[int, tuple[Doubt, ...]]]) -> None:
-        """Set the suspicions that were raised while the stops to be added were captured: for each
+        """Set the suspicions that were raised during the capture of the next stops: for each
         suspicion, the number of stops before it, and its doubts.
 
-        A stop driven because of a suspicion is assigned to the suspected pass, not to a further
-        pass.
+        A stop that was driven because of a suspicion is assigned to the suspected pass, not to a
+        further pass.
         """
         self._suspicions = list(suspicions)
 
     def accept(self, word: Acceptance) -> None:
-        """Record the operator's acceptance of a doubt; an equal acceptance changes nothing."""
         if word not in self._acceptances:
             self._acceptances.append(word)
 
     def accepted(self) -> tuple[tuple[Doubt, Acceptance], ...]:
-        """Return the accepted doubts of the readings in use, each with its acceptance."""
         doubts = [doubt for each in self.passes for doubt in each.doubts()]
         pairs = (
             (doubt, next((word for word in self._acceptances if word.covers(doubt)), None))
@@ -157,14 +152,14 @@ class PassBook:
         return tuple((doubt, word) for doubt, word in pairs if word is not None)
 
     def last_stop(self, stop: CapturedStop) -> int:
-        """Return the number of the last stop of a stop's pass (the 30 in ``stop 5 of 30``)."""
+        """Return the number of the last stop of a stop's pass (30 in ``stop 5 of 30``)."""
         return len(route_of(self._planned, stop.setup, 1)) - 1
 
     def deviation(self, stop: CapturedStop) -> tuple[float | None, float | None]:
         """Return the reading of a stop in mm and its deviation from the geometry in um, relative to
         the first stop of its pass.
 
-        None without a reading, or if the count was broken since the first stop.
+        None without a reading, or if the count was lost since the first stop.
         """
         passes = [each for each in self.of(stop.setup) if each.route.outward == stop.outward]
         each = next((each for each in reversed(passes) if each.uses(stop)), None)
@@ -181,8 +176,8 @@ class PassBook:
         return [each for each in self.passes if each.route.setup == setup]
 
     def wanted(self) -> list[int]:
-        """Return the numbers of the passes that the plan has for every setup: odd numbers outward,
-        even numbers back.
+        """Return the numbers of the planned passes of every setup: odd numbers outward, even
+        numbers back.
         """
         return list(
             range(
@@ -193,7 +188,7 @@ class PassBook:
         )
 
     def open_passes(self, setup: str) -> list[int]:
-        """Return the numbers of the wanted passes of a setup that are incomplete or doubted."""
+        """Return the numbers of the planned passes of a setup that are incomplete or doubted."""
         done = {each.number for each in self.of(setup) if each.complete}
         return [number for number in self.wanted() if number not in done]
 
@@ -211,8 +206,8 @@ class PassBook:
         return not self.next_setup()
 
     def next_setup(self) -> str:
-        """Return the setup that comes next; empty when all setups are complete. A begun setup comes
-        before a setup without a pass.
+        """Return the next setup; empty when all setups are complete. A begun setup comes before a
+        setup without a pass.
         """
         first = [self.preferred, self.last.setup if self.last is not None else ""]
         for setup in first:
@@ -230,7 +225,7 @@ class PassBook:
         breaks: tuple[Break, ...] = (),
         beyond: bool | None = None,
     ) -> CaptureStart:
-        """Return the state of the survey that the capture of a new log needs."""
+        """Return the state of the survey for the capture of a new log."""
         following = self.next_setup()
         names = self._survey.plan.all_setups
         ordered = (
@@ -254,9 +249,6 @@ class PassBook:
         return replace(self._standing(setup), numbers=numbers)
 
     def _next(self, setup: str, *, outward: bool) -> int:
-        """Return the number of the pass to which a stop of a setup, driven in the given direction,
-        would belong.
-        """
         found = self._find(setup, outward=outward)
         return (
             found.number
@@ -292,7 +284,6 @@ class PassBook:
         )
 
     def _compare(self, setup: str) -> None:
-        """Compare the whole passes of a setup; report only new doubts."""
         passes = self.of(setup)
         known = {doubt for each in passes for doubt in each.against}
         for each, doubts in compare(passes, alone=len(self.wanted()) == 1).items():
@@ -304,9 +295,10 @@ class PassBook:
 
     def _prove(self, setup: str) -> None:
         """Judge whether the count is unbroken over the unwatched times of a setup's passes: the
-        instrument's own number must continue, and the other passes must exclude a lost count.
+        sample number of the instrument must continue, and the other passes must exclude a lost
+        count.
 
-        The number alone proves that the instrument ran, not that the beam was free.
+        The sample number alone proves that the instrument ran, but not that the beam was free.
         """
         passes = self.of(setup)
         for each in passes:
@@ -359,7 +351,6 @@ class PassBook:
         return next((each for each in same if not each.complete), same[-1] if same else None)
 
     def number_of(self, route: Route) -> int:
-        """Return the number of the pass to which a stop of this route would belong."""
         driven = self.driven
         if (
             driven is not None
@@ -378,16 +369,11 @@ class PassBook:
 
 
 def _believed_only(stop: CapturedStop) -> bool:
-    """Return whether the place of a stop is only assumed, so that no other place may be derived
-    from this place.
-    """
+    """Return whether the place of a stop is only assumed, and must not identify another stop."""
     return "place-unknown" in stop.doubt_codes
 
 
 def _unproven(ran: bool | None, hidden_um: float, most_um: float) -> Words:
-    """Return the reason why the count is not proven to be unbroken; empty if the instrument has no
-    number of its own.
-    """
     if ran is None:
         return ""
     if not ran:

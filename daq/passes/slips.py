@@ -1,9 +1,8 @@
-"""A step of the laser's count that no single reading shows: a slip, a frozen value, a bumped
-mirror.
+"""Jumps of the laser's count that no single reading shows: a slip, a frozen value, a bumped mirror.
 
-The count of an interferometer slips and continues without any sign; a touched mirror has the same
-effect. Repeated passes show the step. The difference between two passes over the same stops (out
-and back, or two repetitions) contains reversal and drift, and is smooth except at the step.
+The count of an interferometer slips without any sign; a bumped mirror also shifts all later
+readings. Repeated passes show the jump: the difference between two passes over the same stops
+contains reversal and drift, and is smooth except at the jump.
 """
 
 from collections.abc import Sequence
@@ -18,38 +17,38 @@ from stepdiag.daq.passes.stretches import SURE
 Vector = NDArray[np.float64]
 
 TIMES_NOISE = 6.0
-"""Least size of a step in robust standard deviations of the other steps; few other steps raise this
-limit.
+"""Least size of a jump in robust standard deviations of the other steps; the limit is higher for
+few other steps.
 """
 FEW = 6.0
 LEAST_UM = 1.0
-"""Least size in um of a searched step: machines do not repeat better over a whole diagonal."""
+"""Least size of a reported jump in um: machines do not repeat better over a whole diagonal."""
 OWN_STEPS, FEW_OF_AXIS = 4, 3.0
-"""Number of other steps of an axis that shows the scatter of this axis, and the rise of the limit
-for few steps (`_scatter_of_axis`). With both, a step is wrongly reported in less than 1 % of the
-pairs of passes of random machines of 500 mm to 4 m that repeat to 0.2 to 1.5 um (3 % with two
-increments and 1.5 um); without, in up to 60 %.
+"""Number of other steps of an axis that shows the scatter of this axis, and the factor of the limit
+for few steps (`_scatter_of_axis`). With both limits, less than 1 % of the pairs of passes of random
+machines of 500 mm to 4 m that repeat to 0.2 to 1.5 um show a false jump (3 % with two increments
+and 1.5 um); without the limits, up to 60 %.
 """
 FLOOR_UM = 0.15
-"""Least noise in um that is assumed for a few differences."""
+"""Least assumed noise in um of a few differences."""
 ALONE_UM = 10.0
 ALONE_STEPS = 5
-"""Least number of own steps of an axis by which a single pass is judged, and least size of a step
-that is reported.
+"""Least number of steps of an axis for the judgement of a single pass, and least size in um of a
+reported jump.
 """
 FEW_UM, FEW_UM_M = 50.0, 500.0
-"""Limit for an axis with fewer steps, which show no scatter: an axis cannot cause a larger
-difference of two steps, in um, and in um per metre of step.
+"""Limit of the difference of two steps that an axis can cause, in um, and in um per metre of step;
+used for an axis with too few steps to show its scatter.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """An odd step on the way to the stop with the index ``stop``: its size and the robust noise of
-    the other steps, in um.
+    """A jump before the stop with the index ``stop``: its size and the robust noise of the other
+    steps, in um.
 
-    ``instead`` is another stop at which the step may have been, with the opposite sign; None
-    without one.
+    ``instead`` is another possible stop of the jump, with the opposite sign; None without such a
+    stop.
     """
 
     stop: int
@@ -61,12 +60,12 @@ class Step:
 def step_in(
     values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector
 ) -> Step | None:
-    """Return the single step of an otherwise smooth sequence, or None.
+    """Return the single jump of an otherwise smooth sequence, or None.
 
     ``values_um`` (n,) are differences of readings at the stops in order, ``u_um`` their standard
-    uncertainties; ``axes`` (n - 1,) is the axis that moves from stop to stop, and ``share`` the
-    part of the axis's travel that appears in the reading. On a long machine one axis, with a third
-    of the steps, causes all the scatter.
+    uncertainties. ``axes`` (n - 1,) is the axis that moves from stop to stop, and ``share`` the
+    part of the axis's travel that appears in the reading. The scatter is computed for each axis,
+    because on a long machine one axis, with a third of the steps, can cause all the scatter.
     """
     steps_um = np.diff(values_um)
     if len(steps_um) < 3:
@@ -81,8 +80,8 @@ def step_in(
 def may_hide_um(
     values_um: Vector, u_um: Vector, axes: Sequence[str], share: Vector, at: int
 ) -> float:
-    """Return the largest loss of count, in um, that one step of a sequence may hide: the size of
-    the step plus the scatter of such steps; infinite for fewer than three steps.
+    """Return the largest loss of count in um that one step of a sequence may hide: the size of the
+    step plus the scatter of similar steps; infinite for fewer than three steps.
 
     The other arguments are those of `step_in`; ``at`` is the index of the step.
     """
@@ -106,8 +105,8 @@ def _usual_of_axis(off_um: Vector, axes: Sequence[str], share: Vector, at: int) 
 def _scatter_of_axis(
     off_um: Vector, axes: Sequence[str], share: Vector, at: int
 ) -> tuple[float, float]:
-    """Return the robust standard deviation of a step, from the other steps of its axis (of all axes
-    if these steps are few), and the factor for a small number of steps.
+    """Return the robust standard deviation of a step in um, and the factor for a small number of
+    steps. The other steps of the axis are used, or the steps of all axes if the axis has few.
     """
     others = np.arange(len(off_um)) != at
     own = others & (np.array(axes) == axes[at])
@@ -122,9 +121,9 @@ def odd_step(
     """Return the single step of a pass that differs from the other steps of its axis, or None.
 
     ``steps_um`` (n - 1,) are measured minus nominal steps, ``axes`` their axes and ``nominal_mm``
-    their nominal sizes. Tilt of the mirror and scale of the axis change all steps of an axis alike.
-    With few steps, only a step larger than any axis can cause is reported; an axis with a single
-    step is not judged.
+    their nominal sizes. The tilt of the mirror and the scale of the axis change all steps of an
+    axis alike. An axis with few steps has an odd step only if the step is larger than any axis can
+    cause; an axis with a single step has none.
     """
     found = []
     for axis in dict.fromkeys(axes):
@@ -144,8 +143,8 @@ def odd_step(
 
 
 def _unlike(own: NDArray[np.int64], steps_um: Vector, least_um: float) -> list[Step]:
-    """Return the step that is furthest from the few other steps of its axis, if the distance
-    exceeds ``least_um``; else an empty list.
+    """Return the step with the largest distance from the few other steps of its axis, if the
+    distance exceeds ``least_um``; otherwise an empty list.
     """
     off = np.array(
         [step - np.median(np.delete(steps_um, index)) for index, step in enumerate(steps_um)]
@@ -164,8 +163,8 @@ def _unlike(own: NDArray[np.int64], steps_um: Vector, least_um: float) -> list[S
 
 
 def like_its_axis(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
-    """Return the difference of the step to a stop from the median of the other steps of its axis,
-    in um; NaN without another step.
+    """Return the difference in um of the step to a stop from the median of the other steps of its
+    axis; NaN without another step.
     """
     others = [
         steps_um[index]
@@ -176,8 +175,8 @@ def like_its_axis(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
 
 
 def scatter_of_steps(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
-    """Return the robust standard deviation in um of the steps of a pass, each relative to the steps
-    of its axis; the step to ``stop`` is left out.
+    """Return the robust standard deviation in um of the steps of a pass without the step to
+    ``stop``, each step relative to the steps of its axis.
     """
     off: list[float] = []
     for axis in dict.fromkeys(axes):
@@ -195,9 +194,6 @@ def scatter_of_steps(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
 def _outlier(
     steps_um: Vector, u_um: Vector, least_um: float, usual_um: Vector | None = None
 ) -> Step | None:
-    """Return the step that is furthest from the other steps, if the distance exceeds the limit and
-    the step's ``usual_um``; else None.
-    """
     if len(steps_um) < 3:
         return None
     off = steps_um - np.median(steps_um)

@@ -1,8 +1,9 @@
-"""The stretches of unbroken count of one pass, and the offsets that give them a common zero.
+"""The stretches of unbroken count of one pass, and the offsets that give the stretches a common
+zero.
 
-A laser that loses its count continues from another zero. A stop measured before and after the loss
-gives the offset between the zeros, if mirror and setup stayed unchanged; then all stops measured in
-both stretches agree on the offset.
+A laser that loses its count continues from another zero. A stop that is measured before and after
+the loss gives the offset between the two zeros, if mirror and setup are unchanged; all such stops
+must then give the same offset.
 """
 
 import math
@@ -19,8 +20,8 @@ SAME_UM = 1.5
 repeatability and the drift of a good machine. A larger difference is a loss of the laser's count.
 """
 SURE = 3.0
-"""Largest difference between readings, in combined standard uncertainties of readings and
-machine.
+"""Largest difference between two readings of a stop, in combined standard uncertainties of readings
+and machine.
 """
 
 
@@ -35,8 +36,8 @@ class OnZero(CapturedStop, frozen=True, kw_only=True):
     """A stop whose ``reading_mm`` counts from the zero of its pass; NaN without a reading of the
     laser.
 
-    Every display or comparison of readings uses this type: the raw count of the laser has another
-    zero after every loss.
+    Every display or comparison of readings uses this type, because the raw count of the laser has
+    another zero after every loss.
     """
 
     reading_mm: float
@@ -54,7 +55,7 @@ def on_zero(stop: CapturedStop, offset_mm: float) -> OnZero:
 @dataclass(frozen=True, slots=True)
 class Measured:
     """A measurement of a stop: the captured stop, its stretch of unbroken count, and its visit.
-    Measurements without another stop in between are one visit.
+    Successive measurements without another stop between them are one visit.
     """
 
     stop: CapturedStop
@@ -75,10 +76,10 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class Zero:
-    """Offset in mm to add to the readings of a stretch, so that the stretch shares the zero of the
-    pass; ``doubt`` gives the reason of a doubtful offset.
+    """Offset in mm from the readings of a stretch to the zero of the pass; ``doubt`` is the reason
+    of a doubtful offset.
 
-    ``code`` is the finding's code of the doubt; ``size_um`` is the possible error of the stretch in
+    ``code`` is the code of the doubt's finding; ``size_um`` is the possible error of the stretch in
     um, if known.
     """
 
@@ -91,10 +92,10 @@ class Zero:
 @dataclass(slots=True)
 class Unwatched:
     """A time between two stretches in which the count may have been lost: the earlier stretch, the
-    first stop afterwards, the reason, and the finding's code.
+    first stop afterwards, the reason, and the code of the finding.
 
-    ``proven``: the instrument's own number and the other passes prove that the count is unbroken.
-    ``unproven``: the reason why a number and passes that exist prove nothing.
+    ``proven`` means that the sample number of the instrument and the other passes prove an unbroken
+    count. ``unproven`` is the reason why existing sample numbers and passes prove nothing.
     """
 
     before: int
@@ -106,8 +107,8 @@ class Unwatched:
 
     @property
     def doubt(self) -> Words:
-        """Return the reason to doubt the count over this time; empty if the count is proven to be
-        unbroken.
+        """Return the reason to doubt the count over this time; empty for a count that is proven to
+        be unbroken.
         """
         if self.proven:
             return ""
@@ -131,15 +132,15 @@ Zeros = dict[int, Zero]
 
 @dataclass(slots=True)
 class Stretches:
-    """The stretches of count of a pass: measurements by stop, in the order of their capture."""
+    """The stretches of count of a pass: measurements by stop, in the order of capture."""
 
     same_um: float = SAME_UM
     """Largest difference in um between two measurements of a stop."""
     measured: dict[int, list[Measured]] = field(default_factory=dict)
     unwatched: dict[int, Unwatched] = field(default_factory=dict)
-    """The unwatched time before each stretch, if there was one."""
+    """The unwatched time before each stretch that has one."""
     slips: dict[int, Slip] = field(default_factory=dict)
-    """The slip with which a stretch began, by stretch."""
+    """The slip at the beginning of a stretch, by stretch."""
 
     def differs_um(self, now: Measured) -> float | None:
         """Return the increase in um of a stop's reading within its stretch; None if the stretch has
@@ -164,10 +165,11 @@ class Stretches:
         """Return the zero of every stretch that can be joined, for a pass with the given number of
         stops.
 
-        The zero of the first stop's stretch is 0; if another stretch alone gives the whole pass,
+        The zero of the first stop's stretch is 0. If another stretch alone contains the whole pass,
         the pass was repeated, and the zero of the last such stretch is 0. Stretches are joined by
         common stops. A stretch after an unwatched time is assumed to continue the count, with a
-        doubt, unless a common stop gives its offset or the count is proven to be unbroken.
+        doubt; a common stop that gives its offset, or a proof of an unbroken count, removes the
+        doubt.
         """
         bases = dict.fromkeys(
             entry.stretch for _, entries in sorted(self.measured.items()) for entry in entries
@@ -188,9 +190,6 @@ class Stretches:
         return best[0] if fewest else best[-1]
 
     def _used(self, zeros: Zeros) -> list[Zero]:
-        """Return, for every stop, the zero of its latest usable measurement whose stretch has a
-        zero.
-        """
         latest = [
             next((entry for entry in reversed(entries) if entry.stretch in zeros), None)
             for entries in self.measured.values()
@@ -204,9 +203,6 @@ class Stretches:
         return zeros
 
     def _join(self, zeros: Zeros) -> bool:
-        """Join one further stretch to the stretches with a known zero; return whether a stretch
-        could be joined.
-        """
         others = dict.fromkeys(
             entry.stretch
             for entries in self.measured.values()
@@ -223,7 +219,7 @@ class Stretches:
 
     def _shifts(self, stretch: int, zeros: Zeros) -> Iterator[tuple[float, Zero, float]]:
         """Yield, for every stop measured in both ``stretch`` and a stretch with a known zero, the
-        shift in mm between both, the known zero, and the shift's uncertainty.
+        shift in mm between both stretches, the known zero, and the uncertainty of the shift.
         """
         for entries in self.measured.values():
             last = {
@@ -241,8 +237,8 @@ class Stretches:
                 )
 
     def _agree(self, shifts: list[tuple[float, Zero, float]]) -> bool:
-        """Return whether all stops measured in both stretches agree on the shift; if not, the
-        mirror was moved.
+        """Return whether all stops measured in both stretches give the same shift; a moved mirror
+        gives different shifts.
         """
         return _spread_um(shifts) <= 2.0 * self.same_um + SURE * max(
             u_um for _, _, u_um in shifts
@@ -257,9 +253,6 @@ class Stretches:
         return Zero(offset_mm, known.doubt, known.code, known.size_um)
 
     def _slip_between(self, stretch: int, known: Zero) -> Slip | None:
-        """Return the slip at the beginning of the later of two stretches: the stretch to join, or
-        the stretch with the known zero.
-        """
         return self.slips.get(stretch) or next(
             (
                 slip
@@ -271,7 +264,7 @@ class Stretches:
 
     def _presume(self, zeros: Zeros) -> bool:
         """Assume that one further stretch continues the count of the stretch before it; return
-        whether there was such a stretch.
+        False without such a stretch.
         """
         for stretch, cut in self.unwatched.items():
             if stretch not in zeros and cut.before in zeros:
@@ -284,8 +277,8 @@ class Stretches:
         return False
 
     def misfit_um(self, zeros: Zeros) -> float | None:
-        """Return the disagreement in um of the stops measured in two stretches on the shift, if it
-        is too large to join the stretches; else None.
+        """Return the disagreement in um of the stops measured in two stretches on the shift, if the
+        disagreement is too large to join the stretches; otherwise None.
         """
         apart = {
             entry.stretch for entries in self.measured.values() for entry in entries
@@ -299,10 +292,10 @@ class Stretches:
 
 
 def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
-    """Return a known zero with the doubts of the readings that join a stretch to it: a doubt about
-    these readings is a doubt about the stretch.
+    """Return a known zero with the doubts of the readings that join a stretch to it.
 
-    If a single stop joins the stretch, the error of its reading becomes the error of the stretch.
+    If a single stop joins the stretch, the error of its reading becomes the error of the whole
+    stretch.
     """
     doubtful = next((each for each in readings if each.doubts), None)
     if known.doubt or doubtful is None:
@@ -311,10 +304,9 @@ def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
 
 
 def _of_one_count(stop: CapturedStop) -> bool:
-    """Return whether a reading can be compared with other readings of the same stop. If the window
-    has a step, the part in use may belong to the earlier count.
-
-    If the machine reversed at the stop, the axes had approached the stop from the other side.
+    """Return whether a reading can be compared with other readings of the same stop. A reading from
+    a window with a step may belong to the earlier count. A reading at a reversal has another
+    direction of approach.
     """
     return "window-step" not in stop.doubt_codes and not stop.turned
 

@@ -1,5 +1,5 @@
-"""The date and time of a survey, from the computer's clock, or stated by the operator if the clock
-was never set.
+"""The date and time of a survey, from the computer's clock, or from the operator if the clock was
+never set.
 """
 
 from collections.abc import Iterator
@@ -11,13 +11,13 @@ from stepdiag.daq.passes.pass_book import PassBook
 CODE = "clock-unset"
 BUILT = datetime(2026, 11, 22, tzinfo=UTC)
 """The day of the first release. No log is older, so a clock with an earlier day was never set, or
-has lost its time (1970, 2000, the day of the image). Later releases do not change this day, so that
-the date of older logs does not change.
+has lost its time (1970, 2000, the day of the image). Later releases keep this day, so that the date
+of older logs does not change.
 """
 
 
 def span_s(book: PassBook) -> tuple[float, float]:
-    """Return the times of capture of the first and the last stop in use, in seconds since 1970.
+    """Return the times of capture of the first and the last used stop, in seconds since 1970.
     Raises ValueError for a book without stops.
     """
     times = [stop.time_s for each in book.passes for stop in each.chosen().values()]
@@ -26,8 +26,8 @@ def span_s(book: PassBook) -> tuple[float, float]:
 
 
 def clock_findings(book: PassBook, now_s: float | None = None) -> Iterator[Finding]:
-    """Yield the finding of a clock that was never set, as a warning until the time is stated;
-    ``now_s`` is the time by the clock, used for a survey without a stop.
+    """Yield the finding of a clock that was never set, as a warning until the operator enters the
+    time. ``now_s`` is the time of the clock for a survey without a stop.
     """
     times = [stop.time_s for each in book.passes for stop in each.chosen().values()] or (
         [] if now_s is None else [now_s]

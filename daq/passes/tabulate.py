@@ -1,5 +1,5 @@
-"""From passes to the solver's table of readings. Readings on one unbroken count share a zero; every
-reading is corrected for air and material, and only here.
+"""From passes to the solver's table of readings, the only place where readings are corrected for
+air and material.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,12 +23,12 @@ from stepdiag.daq.survey.models import Environment, Survey
 def tabulate(
     survey: Survey, passes: list[Pass], environment: Mapping[str, float] | None = None
 ) -> Readings:
-    """Return the readings of complete laser passes; the rows have the order of passes and stops.
+    """Return the readings of complete laser passes, in the order of passes and stops.
 
     Readings are relative to the first stop of the setup while the laser's count is unbroken;
     ``zero`` is the number of the unbroken count. For an instrument that counts in vacuum
-    wavelengths, the air of each stop is used; if the survey file requests it, each axis is reduced
-    to 20 C. Runs of the 4-DOF head have no laser reading and are left out. ``environment`` holds
+    wavelengths, the air of each stop is used. If the survey file requests it, each axis is reduced
+    to 20 C. Runs of the 4-DOF head have no laser reading and are left out. ``environment`` contains
     conditions, by their names in the survey file, that replace the recorded values.
     """
     stated = dict(environment or {})
@@ -76,9 +76,7 @@ def _pass_rows(
     survey: Survey, one: Counted, first: Counted, stated: dict[str, float]
 ) -> tuple[Vector, list[OnZero]]:
     """Return the corrected readings of a pass, relative to the first stop of the ``first`` pass on
-    the same count, and the stops of the readings.
-
-    The stops have the conditions ``stated`` afterwards.
+    the same count, and their stops with the conditions ``stated`` afterwards.
     """
     chosen = one.driven.chosen()
     stops = [
@@ -100,8 +98,8 @@ def _pass_rows(
 def in_this_air(
     survey: Survey, first: Pass, stops: Sequence[CapturedStop], readings: Vector
 ) -> Vector:
-    """Return the true displacements in mm since the first of ``stops``; the effect of the dead path
-    is zero there.
+    """Return the true displacements in mm since the first of ``stops``, where the effect of the
+    dead path is zero.
     """
     values = {
         name: np.array([_environment(survey.environment, stop, name) for stop in stops])
@@ -136,9 +134,6 @@ def _at_20_c(
 
 
 def _beam(survey: Survey, each: Pass) -> Vector:
-    """Return a point of the beam line for every stop, shape (k, 3); NaN except in shifted
-    setups.
-    """
     setup, count = each.route.travel, len(each.route)
     if not setup.shift:
         return np.full((count, 3), np.nan)
@@ -146,16 +141,13 @@ def _beam(survey: Survey, each: Pass) -> Vector:
 
 
 def _environment(environment: Environment, stop: CapturedStop, name: str) -> float:
-    """Return a quantity of the air at a stop: from the sensors, or the fixed value of the survey
-    file.
-    """
     measured = getattr(stop, name) if environment.source != "fixed" else None
     return float(measured if measured is not None else getattr(environment, name))
 
 
 def _known_material_c(environment: Environment, stop: CapturedStop) -> float:
-    """Return the material's temperature from a sensor or the operator, else NaN: a machine without
-    thermometer is not at 20 C.
+    """Return the material temperature from a sensor or the operator, otherwise NaN, because a
+    machine without thermometer is not at 20 C.
     """
     if environment.source != "fixed" and stop.material_temperature_c is None:
         return float("nan")

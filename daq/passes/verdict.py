@@ -2,7 +2,7 @@
 events.
 
 A finding belongs to a measurement of a stop: when a repeated pass replaces the measurement, its
-finding blocks nothing any more.
+finding has no further effect.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -18,14 +18,14 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.models import Survey
 
 STATED = ("air-unknown", "sensor-jump")
-"""Doubts about conditions, which end when the conditions are stated afterwards."""
+"""Doubts about conditions, which end when the operator states the conditions afterwards."""
 
 
 def suspected(book: PassBook, findings: Iterable[Finding]) -> list[Doubt]:
-    """Return the doubts from the solver's errors about the readings that the errors name: a stop, a
-    pass, every pass of a setup, or each of the passes that the data do not separate.
+    """Return the doubts from the solver's errors about a stop, a pass, every pass of a setup, or
+    each of the passes that the data do not separate.
 
-    An error that names no reading gives a doubt about every pass.
+    An error without a place is a doubt about every pass.
     """
     return [
         doubt
@@ -61,8 +61,7 @@ def settled_findings(
     """Return the findings of the result: open doubts as errors, accepted doubts as warnings with
     their acceptance, without duplicates.
 
-    ``stated`` are conditions given afterwards: a doubt that concerns only these conditions is
-    settled.
+    ``stated`` are conditions entered afterwards; a doubt about only these conditions is settled.
     """
     accepted = [_accepted(doubt, word) for doubt, word in book.accepted()]
     doubts = [_as_finding(doubt) for doubt in book.doubts() if not _settled_by(doubt, stated)]
@@ -78,14 +77,12 @@ def settled_findings(
 
 
 def _settled_by(doubt: Doubt, stated: Mapping[str, float]) -> bool:
-    """Return whether all conditions that a doubt concerns were stated."""
     named = set(_arguments(doubt.why))
     meant = {name for name, condition in CONDITIONS.items() if condition in named}
     return doubt.code in STATED and bool(meant) and meant <= set(stated)
 
 
 def _arguments(why: object) -> Iterator[object]:
-    """Yield all arguments of a message and of the messages within it."""
     parts = tuple(why.arguments.values()) if isinstance(why, Message) else why
     for part in parts if isinstance(parts, tuple) else ():
         yield part
@@ -121,9 +118,6 @@ def _finding(severity: Severity, doubt: Doubt, what: Message) -> Finding:
 
 
 def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield a finding for each condition that no sensor measured at some stops, with the number of
-    stops and the uncertainty of the values used instead.
-    """
     stops = sum(len(each.chosen()) for each in book.passes)
     for held in held_conditions(book, stated):
         u = message("with-unit", value=held.u, unit=COURSES[held.name].unit)
@@ -136,7 +130,7 @@ def assumed_findings(
     survey: Survey, stops: int, unmeasured: Iterable[Held]
 ) -> Iterator[Finding]:
     """Yield a finding for each condition of the air that no sensor measured, with the number of
-    ``stops``, the value used instead and its uncertainty.
+    ``stops``, the value of the survey file and its uncertainty.
     """
     for one in unmeasured:
         unit, value = COURSES[one.name].unit, getattr(survey.environment, one.name)

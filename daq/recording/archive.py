@@ -1,11 +1,10 @@
-"""Keeps a survey's folder within a limit of size: finished rounds are packed more tightly, the
-oldest first. No file is ever removed.
+"""Limits the size of a survey's folder: finished rounds are packed more tightly, the oldest first.
+No file is removed.
 
 A log is written in small chunks, so that an interruption loses little. A packed log has the same
-records in chunks of a megabyte at zstd's level 19, which saves four tenths of its size (an archive
-of compressed files would save nothing). Replay, `info` and the viewers read a packed log like any
-log. The packed log replaces the log only after every record was read back and compared. Packing
-runs in a separate process.
+records in chunks of 1 MB at zstd's level 19, which saves four tenths of its size. Replay, `info`
+and the viewers read a packed log like any log. The packed log replaces the log only after every
+record was read back and compared. Packing runs in a separate process.
 """
 
 import hashlib
@@ -42,15 +41,13 @@ _DRAIN_BYTES = 4_000_000
 _MAGIC = b"\x89MCAP0\r\n"
 _DATA_END = struct.pack("<BQ", 0x0F, 4)
 _FOOTER = struct.Struct("<QQI")
-"""Layout of the footer of a log, before the magic bytes: start of the index, start of its offsets,
+"""The footer of a log before the magic bytes: start of the index, start of its offsets,
 checksum.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Packed:
-    """A finished round whose logs were packed, and the bytes saved."""
-
     folder: Path
     saved_bytes: int
 
@@ -62,9 +59,9 @@ def size_bytes(folder: Path) -> int:
 
 def keep_budget(folder: Path, max_bytes: float) -> Iterator[Packed]:
     """Pack the finished rounds of a survey's folder, oldest first, until the folder is within
-    ``max_bytes``; yield each packed round.
+    ``max_bytes``. Yield each packed round.
 
-    Raises DataError for a log that does not read back equal; the log then stays unchanged.
+    Raises DataError for a packed log that differs from its log; the log is then unchanged.
     """
     rounds = sorted(
         each for each in folder.iterdir() if each.is_dir() and each.name.isdecimal()
@@ -79,8 +76,8 @@ def keep_budget(folder: Path, max_bytes: float) -> Iterator[Packed]:
 
 
 def pack(log: Path) -> int:
-    """Replace a log by its packed form; return the bytes saved. A damaged log stays unchanged, and
-    the result is 0.
+    """Replace a log by its packed form and return the number of saved bytes. A damaged log is
+    unchanged, and the result is 0.
     """
     before = log.stat()
     wanted = digest(log)
@@ -122,12 +119,12 @@ def digest(log: Path) -> str:
 
 
 def index_holds(log: Path) -> bool:
-    """Return whether the index behind the records of a whole log is unchanged: the digest of the
-    records does not cover the index.
+    """Return whether the index behind the records of a whole log is unchanged, because the digest
+    of the records does not cover the index.
 
     Source: MCAP, Footer: ``summary_crc`` is the CRC-32 of the bytes from ``summary_start`` to the
-    checksum itself; 0 means none. The record before the index is DataEnd; readers would skip a
-    record of unknown kind.
+    checksum; 0 means no checksum. The record before the index is DataEnd; readers skip a record of
+    unknown kind.
     """
     data = log.read_bytes()
     if len(data) < _FOOTER.size + len(_MAGIC):
@@ -169,11 +166,11 @@ def _copy(log: Path, file: PartFile) -> None:
 
 @contextmanager
 def _tight() -> Iterator[None]:
-    """Make the MCAP writer, which offers no choice of level, compress as tightly as possible in
-    this process, which does no other work.
+    """Make the MCAP writer, which has no setting for the level, compress with the highest level in
+    this process.
 
-    Two uses at a time are wrong: the second would find the level reset, and pack the same log to
-    other bytes.
+    Two uses at a time are wrong: the second use would find the level reset, and pack the same log
+    to other bytes.
     """
     names = vars(mcap.writer)
     with _ONE_AT_A_TIME:
@@ -185,6 +182,4 @@ def _tight() -> Iterator[None]:
 
 
 class _Tight:
-    """Replaces the module ``zstandard`` in ``mcap.writer``."""
-
     compress = staticmethod(lambda data: zstandard.ZstdCompressor(level=LEVEL).compress(data))

@@ -1,7 +1,7 @@
-"""The operator's announcement that a machine without signals will drive a certain setup next.
+"""The operator's announcement of the next setup of a machine without signals.
 
-The file ``begun.jsonl`` beside the lock holds one JSON object per line. Lines are only appended,
-and a daemon reads new lines while it runs.
+The file ``begun.jsonl`` in the survey's folder contains one JSON object per line. Lines are only
+appended, and a running daemon reads new lines.
 """
 
 import time
@@ -15,12 +15,12 @@ from stepdiag.daq.recording.verdicts import LARGEST_BYTES, append_line
 
 BEGUN = "begun.jsonl"
 OLD_S = 30.0
-"""Age in s above which an announcement was meant for an earlier daemon."""
+"""Age in s above which an announcement is ignored, because it was meant for an earlier daemon."""
 _log = structlog.get_logger("begun")
 
 
 class Begun(msgspec.Struct, frozen=True, kw_only=True):
-    """The beginning of a setup: operator, setup and time (seconds since 1970)."""
+    """The announcement of a setup: operator, setup and time (seconds since 1970)."""
 
     setup: str
     name: str
@@ -28,7 +28,7 @@ class Begun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def ask_to_begin(folder: Path, setup: str, name: str) -> None:
-    """Append the beginning of a setup to the file; the line is on disk when this returns. Raises
+    """Append the announcement of a setup to the file, and wait until the line is on disk. Raises
     UsageError if the file cannot be written.
     """
     append_line(
@@ -37,14 +37,11 @@ def ask_to_begin(folder: Path, setup: str, name: str) -> None:
 
 
 class BegunWords:
-    """Reads the announcements that are added to the file of a folder from now on."""
-
     def __init__(self, folder: Path) -> None:
         self._path = folder / BEGUN
         self._size = self._length()
 
     def news(self) -> list[Begun]:
-        """Return the announcements added since the last call."""
         before, self._size = self._size, self._length()
         if self._size <= before:
             return []
@@ -57,7 +54,7 @@ class BegunWords:
         return [word for word in words if abs(time.time() - word.time_s) < OLD_S]
 
     def _length(self) -> int:
-        try:  # the file is queried only once, because this runs ten times a second
+        try:  # one query of the file is enough, because this runs ten times a second
             return self._path.stat().st_size
         except OSError:
             return 0

@@ -1,10 +1,10 @@
-"""A survey file corrected after its logs were recorded: the changed lines, and the logs read again
-with the corrected file.
+"""A survey file that was corrected after its logs were recorded: the changed lines, and the logs
+read again with the corrected file.
 
-``corrected.jsonl`` beside the logs holds one JSON object per correction: operator, time, the
-changed lines, and the survey file valid from then on. The end of a pass depends on the file, so a
-session reads the logs of a round as a single stream of events: a pass that a wrong map of signals
-cut in two is whole again.
+``corrected.jsonl`` beside the logs contains one JSON object per correction: operator, time, the
+changed lines, and the corrected survey file. The end of a pass depends on the survey file, so the
+logs of a round are read as a single stream of events. A pass that a wrong map of signals split into
+two logs is then whole.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,7 +44,7 @@ NEW_ROUND = (
     "plan.targets",
     "plan.beam_offset",
 )
-"""Fields of the survey file whose change means another drive of the machine: another volume, target
+"""Fields of the survey file whose change requires that the machine be driven again: volume, target
 list or program.
 """
 READING = (
@@ -77,8 +77,8 @@ WAYS = (
 
 
 class Correction(msgspec.Struct, frozen=True, kw_only=True):
-    """One correction: the time (seconds since 1970), the operator, the changed lines (``laser.sign:
-    1 -> -1``), and the file valid from then on.
+    """A correction: its time (seconds since 1970), the operator, the changed lines (``laser.sign: 1
+    -> -1``), and the corrected survey file.
     """
 
     time_s: float
@@ -103,12 +103,12 @@ class Change(msgspec.Struct, frozen=True):
 
     @property
     def begins_round(self) -> bool:
-        """Return whether this change requires that the machine be driven again."""
+        """Return whether the change requires that the machine be driven again."""
         return _within(self.line, NEW_ROUND) and not self._renames
 
     @property
     def reads_otherwise(self) -> bool:
-        """Return whether this change requires that the logs be read again."""
+        """Return whether the change requires that the logs be read again."""
         return self._renames or (
             _within(self.line, READING)
             and not any(part in WAYS for part in self.line.split(".")[1:2])
@@ -116,9 +116,6 @@ class Change(msgspec.Struct, frozen=True):
 
     @property
     def _renames(self) -> bool:
-        """Return whether the order of the same setups changed: each log then belongs to another
-        setup.
-        """
         if self.line != "plan.setups":
             return False
         before, after = (
@@ -157,15 +154,15 @@ def corrections_in(folder: Path) -> tuple[Correction, ...]:
 
 
 def note_correction(folder: Path, correction: Correction) -> None:
-    """Add a correction; it is on disk when this returns. Raises UsageError if the file cannot be
-    written.
+    """Add a correction to the file, and wait until the correction is on disk. Raises UsageError if
+    the file cannot be written.
     """
     append_line(folder / CORRECTED, msgspec.json.encode(correction))
 
 
 def text_of(folder: Path, logs: Sequence[Path]) -> str:
-    """Return the text of the valid survey file of a round: from the last correction, or else from
-    the last log; empty without a log.
+    """Return the text of the valid survey file of a round, from the last correction or from the
+    last log; empty without a log.
     """
     corrected = corrections_in(folder)
     if corrected:
@@ -174,10 +171,10 @@ def text_of(folder: Path, logs: Sequence[Path]) -> str:
 
 
 def compared(recorded: str, text: str) -> list[Change] | None:
-    """Return the changes from the survey file ``recorded`` to ``text``; None if the recorded file
-    is no longer readable.
+    """Return the changes from the survey file ``recorded`` to ``text``; None if ``recorded`` is no
+    longer readable.
 
-    Further setups do not count as a change, because the recording stays valid.
+    A further setup is no change, because the recording stays valid.
     """
     if recorded == text:
         return []
@@ -189,16 +186,16 @@ def compared(recorded: str, text: str) -> list[Change] | None:
 
 
 def drives_otherwise(recorded: str, text: str) -> bool:
-    """Return whether the survey file ``text`` means another drive of the machine than the file
-    ``recorded``, or the latter is no longer readable.
+    """Return whether the survey file ``text`` requires that the machine be driven differently than
+    with the file ``recorded``, or ``recorded`` is no longer readable.
     """
     found = compared(recorded, text)
     return found is None or any(each.begins_round for each in found)
 
 
 def has_further(text: str, recorded: str) -> bool:
-    """Return whether the survey file ``text`` has further setups than the file ``recorded``, and
-    drives all setups of that file as before, whatever else it corrects.
+    """Return whether the survey file ``text`` has further setups, and drives all setups of the file
+    ``recorded`` unchanged.
     """
     try:
         before, after = parse_survey(recorded, "log"), parse_survey(text, "survey")
@@ -280,8 +277,8 @@ def reread(
     """Return the session after reading the events of a round's logs with a survey file, and the
     outcomes of each log.
 
-    Events from before the opening of a log, which two logs hold, are read once. Raises the errors
-    of `parse_survey` and `open_log`.
+    Events from before the opening of a log are in two logs, and are read once. Raises the errors of
+    `parse_survey` and `open_log`.
     """
     survey = parse_survey(text, source)
     found: list[tuple[Path, Outcome]] = []

@@ -1,5 +1,5 @@
-"""The answer to the machine that a stop is captured and the machine may move on; and the alarm for
-a machine that waits in vain.
+"""The handshake: the answer to the machine that a stop is captured, and the alarm for a machine
+that waits too long.
 """
 
 from collections.abc import Callable
@@ -11,19 +11,21 @@ from stepdiag.daq.formats.signals import Signals
 
 LEAST_PATIENCE_S = 1.0
 """Least time in s before an answer is repeated: a stop needs its window and a few polls, even if
-the plan's dwell is shorter.
+the dwell of the plan is shorter.
 """
 MOST_TIMES = 3
-"""Number of answers to a machine that has never moved on, before a finding reports this machine."""
+"""Number of unread answers after which a finding reports a machine that has never moved after an
+answer.
+"""
 
 
 class Handshake:
-    """Supervises that ``stop_count`` and ``captured`` become equal: a machine that waits longer
-    than a dwell gets the answer again, or a finding reports it.
+    """Compares ``stop_count`` with ``captured``. A machine that waits longer than a dwell gets the
+    answer again, or a finding reports the machine.
 
-    ``tell`` writes a stop count to the machine. ``owed`` is the count of the last stop in the logs:
-    an earlier daemon may have ended before it wrote this count. ``alarm`` is the message that the
-    machine waits in vain; empty otherwise.
+    ``tell`` writes a stop count to the machine. ``owed`` is the count of the last stop in the logs,
+    because an earlier daemon may have ended before it wrote this count. ``alarm`` is the message
+    about a machine that waits too long; empty otherwise.
     """
 
     def __init__(self, tell: Callable[[int], None], owed: int | None, dwell_s: float) -> None:
@@ -39,16 +41,16 @@ class Handshake:
         self.alarm: Words = ""
 
     def captured(self, stop: CapturedStop) -> None:
-        """Process a captured stop. A recovered stop is not answered: the machine left this stop
-        long ago.
+        """Process a captured stop. A recovered stop has no answer, because the machine has
+        left it.
         """
         if stop.stop_count is not None and not stop.recovered:
             self._written, self._written_ns = stop.stop_count, self._since_ns
             self._tell(stop.stop_count)
 
     def written(self, refused: Words) -> Finding | None:
-        """Record the reason why the machine refused a written value (empty: accepted); return the
-        finding of a refusal, once.
+        """Record why the machine refused a written value (empty: accepted); return the finding of
+        the first refusal.
         """
         before, self._refused = self._refused, refused
         if not refused or before:
@@ -60,7 +62,7 @@ class Handshake:
         self, signals: Signals | None, now_ns: int, waits_for: Callable[[], Words]
     ) -> Finding | None:
         """Process a poll: write an unread answer again, and return the finding about a machine that
-        waits in vain.
+        waits too long.
         """
         count = signals.stop_count if signals is not None and _waits(signals) else None
         if count != self._waits_at:
@@ -83,8 +85,8 @@ class Handshake:
         return finding("error", waits)
 
     def _tell_again(self, count: int, now_ns: int) -> None:
-        """Answer a machine that still stands: the PLC may have restarted, or the last daemon may
-        have ended before it answered.
+        """Answer a machine that still stands, because the PLC may have restarted, or the last
+        daemon may have ended before its answer.
         """
         if self._written_ns is None or now_ns - self._written_ns > self._patience_ns:
             self._written_ns = now_ns
@@ -92,9 +94,9 @@ class Handshake:
             self._tell(count)
 
     def _in_vain(self, count: int, now_ns: int) -> bool:
-        """Return whether the machine waits in vain: writing the answer fails, or the machine does
-        not read the answer. A machine that has already read an answer may stand still for a reason
-        other than the handshake.
+        """Return whether the machine waits too long: the answer cannot be written, or the machine
+        does not read the answer. A machine that has read an earlier answer may stand still for
+        another reason.
         """
         if count == self._written:
             return bool(self._refused) or (

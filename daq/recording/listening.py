@@ -1,5 +1,5 @@
-"""Examines the instruments' lines between two logs: an instrument that sends unreadable bytes is
-reported before a pass is driven.
+"""Examines the lines of the instruments between two logs: an instrument that sends unreadable bytes
+is reported before a pass is driven.
 """
 
 from collections.abc import Iterator
@@ -17,11 +17,11 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag
 
 PATIENCE_NS = 3_000_000_000
-"""Longest time in ns in which an instrument's bytes may be unreadable: the line may have been
-opened in the middle of a word, or the power just switched on.
+"""Longest time in ns in which the bytes of an instrument may be unreadable, because the line was
+opened in the middle of a word, or the power was just switched on.
 """
 SILENCE_NS = 500_000_000
-"""Largest part in ns of `PATIENCE_NS` that one silence uses up: noise at the opening of a line is
+"""Largest part in ns of `PATIENCE_NS` that one silence uses up. Noise at the opening of a line is
 no evidence about an instrument that gets power an hour later.
 """
 SECOND_NS = 1_000_000_000
@@ -31,8 +31,7 @@ SECOND_NS = 1_000_000_000
 class _Ear:
     """The bytes of a line from its opening until the bytes give readings.
 
-    ``before``: before a loss of the line, a finding has already reported an instrument on this
-    line.
+    ``before`` means that a finding has already reported an instrument on this line.
     """
 
     decoder: Decoder
@@ -59,9 +58,9 @@ class _Ear:
             self._decode(data, chunk.arrival_ns)
 
     def after_loss(self, decoder: Decoder) -> "_Ear":
-        """Return the state after a loss of the line. The waiting time continues over the loss;
-        otherwise a line that is interrupted every second would never be reported. After a finding
-        the waiting time starts again; otherwise the line would be reported again and again.
+        """Return the state after a loss of the line. The waiting time continues over the loss, so
+        that a line with an interruption every second is reported. After a finding the waiting time
+        starts again, so that the line is not reported again and again.
         """
         before = (self.before or self.reported) and not self.understood
         return _Ear(
@@ -69,9 +68,6 @@ class _Ear:
         )
 
     def _looked_at(self, chunk: Chunk) -> bytes:
-        """Return the bytes of a chunk that are examined: all, or after a report of unreadable bytes
-        the beginning of every second.
-        """
         if chunk.arrival_ns - self.looked_ns >= SECOND_NS:
             if self.looked_at >= KEPT:
                 self.decoder.resync()
@@ -88,7 +84,7 @@ class _Ear:
 
 
 class Listening:
-    """Reads every stream of a survey. A line that has given readings is not examined again before a
+    """Reads every stream of a survey. A line that has given readings is examined again only after a
     loss.
     """
 

@@ -1,9 +1,8 @@
-"""The folder of a survey on disk: a numbered folder per round, with its logs and, once complete,
-its results.
+"""The folder of a survey on disk: a numbered folder per round with its logs and results.
 
-In the folder ``<directory>/<name>`` of a survey, the daemon that records there holds ``.lock``. The
-first round has the logs ``0001/0001.mcap`` and so on, one per pass, and beside the logs the results
-``result.json``, ``readings.csv``, ``exports/`` and ``report.html``.
+The folder of a survey is ``<directory>/<name>``; the recording daemon locks ``.lock`` in this
+folder. The first round has the logs ``0001/0001.mcap`` and so on, one per pass, and beside the logs
+the results ``result.json``, ``readings.csv``, ``exports/`` and ``report.html``.
 """
 
 import errno
@@ -57,17 +56,15 @@ _log = structlog.get_logger("rounds")
 
 @dataclass(slots=True)
 class FolderLock:
-    """A lock that keeps a second daemon out of a survey's folder until this process ends; it holds
-    the descriptor of the lock's file.
-    """
+    """A lock on a survey's folder, which excludes a second daemon until this process ends."""
 
     descriptor: int
     folder: Path
 
     @classmethod
     def take(cls, folder: Path) -> Self:
-        """Take the lock of a folder, which is created if necessary. Raises UsageError if another
-        daemon holds the lock or the folder cannot be written.
+        """Lock a folder, and create it if necessary. Raises UsageError if another daemon has locked
+        the folder or the folder cannot be written.
         """
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -94,8 +91,8 @@ class FolderLock:
         return cls(descriptor, folder)
 
     def require_folder(self) -> None:
-        """Raise DeviceError if the folder is no longer the same: unmounted, moved or removed while
-        this process records.
+        """Raise DeviceError if the folder was unmounted, moved or removed while this process
+        records.
         """
         found: Words = message("folder-of-another")
         try:
@@ -114,9 +111,6 @@ class FolderLock:
 
 
 def _sign(descriptor: int, folder: Path) -> None:
-    """Write the holder of the lock into its file, for the message to another daemon. Raises
-    UsageError if the folder cannot be written.
-    """
     try:
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{os.getpid()}\n".encode("ascii"), 0)
@@ -129,7 +123,7 @@ def _sign(descriptor: int, folder: Path) -> None:
 
 
 def is_recording(folder: Path) -> bool:
-    """Return whether a daemon holds the lock of the folder now; no file is created or changed."""
+    """Return whether a daemon has locked the folder; no file is created or changed."""
     try:
         with (folder / LOCK).open("rb") as file:
             lock(file.fileno(), shared=True)
@@ -141,7 +135,9 @@ def is_recording(folder: Path) -> bool:
 
 
 def round_folders(folder: Path) -> list[Path]:
-    """Return the numbered folders of a survey, in order of the rounds; none without a folder."""
+    """Return the numbered folders of a survey, in order of the rounds; empty for a missing
+    folder.
+    """
     found = (
         [each for each in folder.iterdir() if each.is_dir() and each.name.isdecimal()]
         if folder.is_dir()
@@ -151,12 +147,13 @@ def round_folders(folder: Path) -> list[Path]:
 
 
 def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
-    """Return the round to continue: the last round, if it is incomplete and its survey file means
-    the same drive of the machine, or if ``survey_text`` adds setups to it; otherwise a new round.
+    """Return the round to continue: the last round, if it is incomplete and ``survey_text`` drives
+    the machine in the same way, or if ``survey_text`` adds setups to this round; otherwise a new
+    round.
 
-    If ``survey_text`` decodes registers or laser differently, the logs are read again with it, and
-    a correction beside the logs records the change. Logs that were cut off are mended first, into
-    new files.
+    If ``survey_text`` decodes registers or laser differently, the logs are read again with
+    ``survey_text``, and a correction beside the logs contains the change. Logs that were cut off
+    are mended first, into new files.
     """
     rounds = round_folders(folder)
     if not rounds:
@@ -199,9 +196,9 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
 
 
 def gone_on_with(folder: Path, survey_text: str) -> Path:
-    """Return the folder of the round to continue. This is ``folder``, unless its round has a result
-    and the survey file adds setups; then it is a new round with the same logs and the same
-    statements of operator and solver.
+    """Return the folder of the round to continue: ``folder``, or a new round if the round has a
+    result and the survey file adds setups. The new round has the same logs and the same statements
+    of operator and solver.
     """
     logs = begun_logs(folder)
     recorded = {open_log(log).header.survey_text for log in logs}
@@ -220,8 +217,8 @@ def gone_on_with(folder: Path, survey_text: str) -> Path:
 
 
 def _copied(path: Path, target: Path) -> None:
-    """Copy a file into another round; a log, which never changes again, gets a second name
-    instead.
+    """Copy a file into another round. A log gets a second name instead, because it never changes
+    again.
     """
     with suppress(OSError):
         if path.suffix != ".jsonl":
@@ -231,7 +228,6 @@ def _copied(path: Path, target: Path) -> None:
 
 
 def next_round(begun: Round) -> Round:
-    """Return the round after a complete round."""
     return _new_round(begun.folder.parent, int(begun.folder.name) + 1, begun.run)
 
 
@@ -257,17 +253,15 @@ def mend(folder: Path) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Noted:
-    """The notes of a log in order: the results of the live run, without decoding the raw bytes
-    again.
-    """
+    """The notes of a log in order: the results of the live run, without decoding the raw bytes."""
 
     stops: tuple[CapturedStop, ...]
     findings: tuple[Finding, ...]
 
 
 def noted_round(folder: Path, logs: Sequence[Path], survey_text: str) -> Noted:
-    """Return the stops and findings of a round with the given survey file: from the notes in the
-    logs, or else from the raw bytes.
+    """Return the stops and findings of a round with the given survey file, from the notes in the
+    logs or, if the notes cannot be used, from the raw bytes.
     """
     if logs and must_reread(logs, survey_text):
         _, found = reread(logs, survey_text, "survey", verdicts_in(folder).suspicions)
@@ -282,14 +276,11 @@ def noted_round(folder: Path, logs: Sequence[Path], survey_text: str) -> Noted:
 
 
 def noted_stops(log: Path) -> list[CapturedStop]:
-    """Return the captured stops that a log's notes hold, in order. Raises the errors of
-    `noted_in`.
-    """
     return list(noted_in(log).stops)
 
 
 def noted_in(log: Path) -> Noted:
-    """Return the stops and findings that a log's notes hold. Raises DataError for notes that no
+    """Return the stops and findings in the notes of a log. Raises DataError for notes that no
     recorder of this program has written.
     """
     stops, findings = list[CapturedStop](), list[Finding]()
@@ -326,7 +317,7 @@ def _finding_of(note: bytes, log: Path) -> Finding:
         found = msgspec.json.decode(note, type=_FindingNote)
         arguments = msgspec.json.decode(
             found.arguments or "null"
-        )  # a log of an older version has only a text
+        )  # a log of an older version contains only a text
     except DAMAGE as error:
         raise DataError(
             str(log), expected=message("findings-noted"), found=damage_of(error)
@@ -364,9 +355,6 @@ def _stop_of(note: bytes, log: Path) -> CapturedStop:
 
 
 def _require_possible(stop: CapturedStop) -> None:
-    """Raise BrokenRecordError for an impossible stop: without a setup, before the first stop, at a
-    time outside the calendar.
-    """
     if not _SETUP.fullmatch(stop.setup):
         raise impossible("setup", stop.setup[:40])
     if stop.stop < 0 or not 0.0 <= stop.time_s < LATEST_S:
@@ -374,7 +362,6 @@ def _require_possible(stop: CapturedStop) -> None:
 
 
 def _last_stop(logs: Sequence[Path]) -> CapturedStop | None:
-    """Return the last stop of a survey, from the newest log with a stop."""
     return next(
         (noted.stops[-1] for log in reversed(logs) if (noted := noted_in(log)).stops), None
     )

@@ -1,9 +1,9 @@
-"""A time series of positions recorded by another program: CARTO Dynamic's ``.rtx``, or a CSV table.
+"""A time series of positions from another program: CARTO Dynamic's ``.rtx``, or a CSV table.
 
 An ``.rtx`` file has text lines ``key: value`` with CRLF, a line ``Data:``, little-endian float64
-numbers, and ``EOF::``. No maker's document is public: the layout comes from a public reader and the
-header of its sample (TanmayPani/rtx2csv @c2571a0, 2025-11). The header does not name the unit, so
-the owner of a series must state the unit.
+numbers, and ``EOF::``. No maker's document is public; the source is a public reader and the header
+of its sample (TanmayPani/rtx2csv @c2571a0, 2025-11). The header contains no unit, so the owner of a
+series must state the unit.
 """
 
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ MM = {"m": 1e3, "mm": 1.0, "um": 1e-3, "nm": 1e-6}
 HEADER, DATA, END = b"HEADER::", b"Data:\r\n", b"EOF::"
 LONGEST_HEADER = 65_536
 STEADY = 0.5
-"""Share of a sample period by which a row may be early or late. A larger difference means a missing
-sample, and the series is refused.
+"""Largest deviation of the time of a row, as a share of a sample period. A larger deviation is a
+missing sample, and the series is refused.
 """
 
 
@@ -33,8 +33,8 @@ class Series:
     rate_hz: float
 
     def at_rate(self, rate_hz: float) -> "Series":
-        """Return the series of the means of equal blocks, with a rate of at most ``rate_hz``; an
-        incomplete last block is left out.
+        """Return the means of equal blocks, with a rate of at most ``rate_hz``; an incomplete last
+        block is left out.
         """
         size = max(1, int(np.ceil(self.rate_hz / rate_hz - 1e-9)))
         whole = len(self.position_mm) // size * size

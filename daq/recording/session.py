@@ -1,5 +1,5 @@
-"""The decisions of the recording, without any input or output: when a log begins and ends, and
-which passes of the survey are open.
+"""The decisions of the recording, without any input or output: the beginning and the end of each
+log, and the open passes of the survey.
 """
 
 import dataclasses
@@ -53,14 +53,14 @@ from stepdiag.daq.timing.strip import Strip
 
 PREROLL_NS = 8_000_000_000
 PREROLL_BYTES = 4_000_000
-"""Largest number of bytes from before the opening of a log that the log holds: with only a stop
+"""Largest number of bytes from before the opening of a log that the log contains: with only a stop
 signal, the first dwell begins before the pass is recognised.
 """
 SAMPLE_NOTE_NS = 200_000_000
 SIGNALS_NOTE_NS = 500_000_000
 """Period in ns in which the reading and the signals are written into a log, for a viewer."""
 IDLE_CLOSE_NS = 5_000_000_000
-"""Time in ns after the end of the machine's program at which a log without a stop is closed."""
+"""Time in ns from the end of the machine's program to the end of a log without a stop."""
 
 
 INTERRUPTED = Break(0, message("recording-interrupted"), watched=False)
@@ -68,8 +68,6 @@ INTERRUPTED = Break(0, message("recording-interrupted"), watched=False)
 
 
 class LogSink(Protocol):
-    """The interface of the recorder that a session uses (`daq.log.recorder.Recorder`)."""
-
     def begin(self, path: Path, header: LogHeader) -> None: ...
     def admit(self, event: Event) -> tuple[Event, ...]: ...
     def note(self, note: Note) -> None: ...
@@ -97,13 +95,12 @@ class Round:
 
 
 class Session:
-    """Follows the events of one survey from the first stop to the last. All work is done in
-    ``consume``.
+    """Processes the events of one survey from the first stop to the last, in ``consume``.
 
     ``on_outcome`` receives every finding and every end of a pass at once, and every stop as soon as
-    the stop is safe in the log; the calls for stops come from the recorder's thread. A session that
-    is not ``armed`` first waits for the end of the running program, which belongs to the previous
-    survey.
+    the log contains the stop safely; the thread of the recorder makes the calls for stops. A
+    session that is not ``armed`` first waits for the end of the running program, which belongs to
+    the previous survey.
     """
 
     def __init__(
@@ -147,8 +144,8 @@ class Session:
         self._samples = 0
         self._strip = Strip()
         self._unshown: StreamBuffer | None = None
-        """The laser's samples of the pass that ended last, until they are displayed. At the end of
-        the pass the machine waits for an answer, so the display comes later.
+        """The laser's samples of the last pass until they are displayed. The display is delayed,
+        because the machine waits for an answer at the end of the pass.
         """
         self.recent = RecentStops()
         self.signals: Signals | None = None
@@ -157,8 +154,8 @@ class Session:
         self.book.add_all(begun.stops)
         self.book.news()
         self.owed: int | None = None
-        """The machine's count at the last captured stop: an earlier daemon may have ended before it
-        answered this stop.
+        """The machine's count at the last captured stop, because an earlier daemon may have ended
+        before it answered this stop.
         """
         self._stand_at(self.book.last or begun.left)
         self._stops = list(begun.stops)
@@ -166,16 +163,16 @@ class Session:
         self.findings = list(begun.findings)
         self.book.wrong_line = next(filter(None, map(line_to_correct, self.findings)), "")
         self.unsolved = begun.verdicts.tell(self.book)
-        """The reason why the survey cannot be solved although every pass is complete; empty without
-        such a reason.
+        """The reason why the survey cannot be solved although every pass is complete; empty
+        otherwise.
         """
         self.shown_zero_mm = 0.0
 
     def _stand_at(self, last: CapturedStop | None) -> None:
-        """Record that an earlier daemon captured the last stop of a pass: the machine may wait
-        there for the answer that was lost with this daemon, not for a new pass.
+        """Record that an earlier daemon captured the last stop of a pass. The machine may wait at
+        this stop for the answer that was lost with the daemon, not for a new pass.
 
-        Without a stop counter it is unknown whether the machine has stood there all the time.
+        Without a stop counter it is unknown whether the machine has moved in between.
         """
         if last is None or last.stop_count is None:
             return
@@ -189,12 +186,10 @@ class Session:
 
     @property
     def folder(self) -> Path:
-        """Return the folder of this survey's logs."""
         return self.round.folder
 
     @property
     def recording(self) -> bool:
-        """Return whether a log is open."""
         return self.capture is not None
 
     @property
@@ -219,12 +214,11 @@ class Session:
 
     @property
     def samples(self) -> int:
-        """Return the number of recorded samples of the laser."""
         return self._samples + (self.capture.laser.samples if self.capture is not None else 0)
 
     def consume(self, event: Event) -> None:
-        """Process the next event: record it in the log, then pass it to the capture; without a log,
-        keep the event until a log begins.
+        """Record the next event in the log, then pass the event to the capture. Without a log,
+        store the event until a log begins.
         """
         if isinstance(event, LinkEvent):
             self._listening.take_link(event)
@@ -244,8 +238,8 @@ class Session:
     def begin(self, setup: str, at_ns: int) -> None:
         """Begin a setup of a machine without signals, after the operator's announcement.
 
-        Raises UsageError if the machine signals setups, a pass is being recorded, or no pass of the
-        setup is wanted.
+        Raises UsageError if the machine signals setups, a pass is being recorded, or the plan needs
+        no pass of the setup.
         """
         refused = self._why_not(setup)
         if refused:
@@ -263,7 +257,6 @@ class Session:
         self._begin_log(at_ns)
 
     def _why_not(self, setup: str) -> Words:
-        """Return the reason why a setup cannot be begun; empty without a reason."""
         planned = self.survey.plan.all_setups
         if not self.survey.plc.silent:
             return message("found-says-itself")
@@ -274,8 +267,8 @@ class Session:
         return "" if self.book.open_passes(setup) else message("found-all-in")
 
     def zero(self) -> None:
-        """Show the reading relative to the present reading from now on; recorded readings are not
-        affected.
+        """Show the reading relative to the present reading from now on; recorded readings are
+        unchanged.
         """
         last = self.laser_samples()
         self.shown_zero_mm = (
@@ -285,7 +278,7 @@ class Session:
         )
 
     def close(self, reason: Message) -> None:
-        """Close the open log, if any: the daemon stops, or a person aborts the setup."""
+        """Close an open log because the daemon stops or a person aborts the setup."""
         if self.capture is not None:
             for outcome in self.capture.finish():
                 self._heed(outcome)
@@ -293,11 +286,9 @@ class Session:
             self._end_log("interrupted", reason)
 
     def hear(self, verdicts: Verdicts) -> None:
-        """Use the statements that persons and the solver have made until now."""
         self.unsolved = verdicts.tell(self.book)
 
     def as_round(self, verdicts: Verdicts) -> Round:
-        """Return the survey's present state, from which another session can continue."""
         return Round(
             self.folder,
             self.round.run,
@@ -308,24 +299,21 @@ class Session:
         )
 
     def say(self, finding: Finding) -> None:
-        """Add a finding from outside the recording; an open log stores the finding too."""
+        """Add a finding from outside the recording, also to an open log."""
         self._heed(finding)
 
     def remark(self, what: Message) -> None:
-        """Write a line for a person into the open log, if any."""
+        """Write a line for the viewer into an open log."""
         if self.capture is not None:
             self._sink.note(log_note(now_ns(), "warning", str(what), "daemon"))
 
     def found(self, finding: Finding) -> None:
-        """Store a finding from outside, together with the findings of the capture."""
+        """Store a finding from outside the recording with the findings of the capture."""
         self.findings.append(finding)
         if self.capture is not None:
             self._sink.note(finding_note(self._noted_signals_ns, finding))
 
     def conditions(self) -> dict[str, float]:
-        """Return the last values of air and material from a sensor or the laser, where the survey
-        uses them.
-        """
         sensor = self._idle_air() if self.capture is None else self.capture.air
         return {
             name: sensor.conditions[name]
@@ -357,7 +345,6 @@ class Session:
                 self._begin_log(time_of(event))
 
     def _hear(self, chunk: Chunk) -> None:
-        """Process a chunk that is not recorded: decode its samples, and examine its line."""
         if chunk.stream in self._idle:
             self._idle[chunk.stream].feed(chunk.data, chunk.arrival_ns)
             self._idle[chunk.stream].forget_breaks()
@@ -365,9 +352,6 @@ class Session:
             self._heed(found)
 
     def _idle_air(self) -> StreamBuffer:
-        """Return the stream of air and material between two logs, if the survey takes them from a
-        stream.
-        """
         return self._idle.get("air", self._idle["laser"])
 
     def _decode(self, block: ModbusBlock) -> Signals:
@@ -377,9 +361,6 @@ class Session:
         return self.signals
 
     def _begins(self, signals: Signals) -> bool:
-        """Return whether a log must begin: the machine's program runs and a pass of its setup is
-        open, or the machine stands at a stop.
-        """
         self._armed = self._armed or self._left(signals)
         self._last_setup = signals.setup
         if (
@@ -393,7 +374,6 @@ class Session:
         return signals.stopped is True or (named and self._wanted(signals.setup))
 
     def _left(self, signals: Signals) -> bool:
-        """Return whether the signals show that the program of the previous survey is over."""
         if signals.running is None and signals.setup is None:
             return not signals.stopped
         return (
@@ -403,7 +383,6 @@ class Session:
         )
 
     def _wanted(self, setup: int | None) -> bool:
-        """Return whether a pass of the setup that the machine signals is still open."""
         if setup is None:
             return not self.book.complete()
         return any(
@@ -489,8 +468,8 @@ class Session:
             self._end_log("aborted", message("ended-without-stop"))
 
     def _go_on(self, now_ns: int, *, whole: bool) -> None:
-        """Begin the next pass of the setup announced by the operator: the machine's program drives
-        the passes in turn.
+        """Begin the next pass of the announced setup, because the machine's program drives the
+        passes in turn.
         """
         self._passes_left -= 1
         if (
@@ -504,14 +483,10 @@ class Session:
             self._begun = ""
 
     def _begin_next(self, since_ns: int, now_ns: int) -> None:
-        """Begin the next log with the events after the time ``since_ns``."""
         self._before = deque(each for each in self._before if time_of(each) > since_ns)
         self._begin_log(now_ns)
 
     def _forgotten(self, capture: Capture, event: Event) -> bool:
-        """Return whether the open log has no stop and the machine's program has not run for
-        `IDLE_CLOSE_NS`.
-        """
         signals = capture.signals
         if (
             capture.walk is not None
@@ -557,21 +532,18 @@ class Session:
         self._on_outcome(outcome)
 
     def _draw(self, stop: CapturedStop) -> None:
-        """Write the scene for the viewer into the log after a stop."""
         self._drawn.append(stop)
         walk = self.capture.walk if self.capture is not None else None
         if walk is not None:
             self._sink.note(scene_note(self.survey.volume, walk.route.stops_mm, self._drawn))
 
     def _of_pass(self, found: Finding) -> Finding:
-        """Return a finding of the capture, completed by the number of the recorded pass."""
         walk = self.capture.walk if self.capture is not None else None
         if walk is None or found.setup != walk.route.setup or found.pass_number is not None:
             return found
         return dataclasses.replace(found, pass_number=self.book.number_of(walk.route))
 
     def _note(self, capture: Capture, event: Event) -> None:
-        """Write the reading and the signals into the log, a few times a second, for display."""
         now = time_of(event)
         if (
             isinstance(event, Chunk)
@@ -598,7 +570,6 @@ class Session:
 
 
 def _idle_streams(survey: Survey) -> dict[Stream, StreamBuffer]:
-    """Return the stream buffers that follow the instruments between two logs."""
     return {
         stream: StreamBuffer(decoder)
         for stream, decoder in decoders(survey).items()

@@ -9,11 +9,10 @@ Settlement = Literal["", "complete", "doubted"]
 
 
 class Settled:
-    """Answers whether a survey is settled, for one survey after another, and stores questions that
-    come too early.
+    """Answers whether a survey is settled, and stores questions that come too early.
 
-    While a log is open the answer is unknown: the log may contain another measurement of a doubtful
-    stop. If the log then ends without a pass, only the stored question checks again whether the
+    While a log is open the answer is unknown, because the log may contain another measurement of a
+    doubtful stop. If the log then ends without a pass, the stored question checks again whether the
     survey is complete.
     """
 
@@ -26,9 +25,6 @@ class Settled:
         self._mark = (session.folder, *mark_of(session.folder))
 
     def heard(self, session: Session) -> bool:
-        """Pass to a session the statements that persons added to its survey outside this process;
-        return whether there were new statements.
-        """
         mark = (session.folder, *mark_of(session.folder))
         if mark == self._mark:
             return False
@@ -37,7 +33,6 @@ class Settled:
         return True
 
     def due(self, session: Session) -> bool:
-        """Return whether a question came while a log was open, and can be answered now."""
         return self._asked_too_early and not session.recording
 
     def of(self, session: Session) -> Settlement:

@@ -1,6 +1,4 @@
-"""Sinks of a session's logs (`daq.recording.session.LogSink`) without a recorder: straight into
-files, or discarded.
-"""
+"""Sinks of a session's logs without a recorder: files, or no storage."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,9 +11,7 @@ from stepdiag.daq.records.events import Event
 
 
 class DirectSink:
-    """Writes the logs of a session in the caller's thread (`daq.recording.session.LogSink`),
-    without waiting for a disk.
-    """
+    """Writes the logs of a session in the caller's thread, without waiting for a disk."""
 
     def begin(self, path: Path, header: LogHeader) -> None:
         """Begin a log. Raises FileExistsError if a log exists at this path."""
@@ -32,12 +28,11 @@ class DirectSink:
         self._writer.note(note)
 
     def promise(self, note: Note, saved: Callable[[], object]) -> None:
-        """Write a note and report that it is stored."""
         self._writer.note(note)
         saved()
 
     def end(self, status: ExitStatus, reason: str = "") -> None:
-        """Finish the log, rename it to its final name and wait until it is on the disk."""
+        """Finish the log, rename it to its final name and wait until it is on disk."""
         self._writer.finish(status, reason, {})
         self._file.drain()
         self._file.publish()
@@ -45,8 +40,6 @@ class DirectSink:
 
 
 class Nowhere:
-    """A sink that stores nothing."""
-
     def begin(self, path: Path, header: LogHeader) -> None:
         """Begin nothing."""
 
@@ -54,7 +47,6 @@ class Nowhere:
         return (event,)
 
     def note(self, note: Note) -> None:
-        """Discard a note."""
         del note
 
     def promise(self, note: Note, saved: Callable[[], object]) -> None:

@@ -1,9 +1,9 @@
-"""A setup recorded by another program: the session processes its series of positions like those of
-a live laser.
+"""A setup that another program recorded: the session processes its series of positions like a live
+laser.
 
-The samples become text lines in the form of the survey's ``[laser.line]``, with arrival times
-computed from the numbers of the samples. So log, replay, doubts and result equal those of a laser
-recorded by this program, and stops are named like those of a machine without signals
+The samples become text lines in the form of the survey's ``[laser.line]``, with arrival times from
+the numbers of the samples. So log, replay, doubts and result equal those of a laser that this
+program recorded. The stops are identified as for a machine without signals
 (`daq.capture.by_laser`).
 """
 
@@ -24,7 +24,7 @@ from stepdiag.daq.survey.models import Survey
 
 SECOND_NS = 1_000_000_000
 CHUNK_S = 0.05
-"""Duration in s of a chunk, about that of a serial line."""
+"""Duration in s of a chunk, similar to that of a serial line."""
 LINE = "{count} {position:.9f}\n"
 SECTION = """[laser]
 format = "line"
@@ -37,8 +37,8 @@ counter_modulus = 1000000000"""
 
 
 def require_such_lines(survey: Survey, source: str) -> float:
-    """Return the rate in Hz at which the survey's laser takes samples. Raises UsageError if the
-    survey file describes other lines.
+    """Return the sample rate of the survey's laser in Hz. Raises UsageError if the survey file
+    describes other lines.
     """
     remedy = message("stream-survey-remedy", section=SECTION)
     if not survey.plc.silent:
@@ -70,7 +70,7 @@ def require_such_lines(survey: Survey, source: str) -> float:
 def record_series(
     survey: Survey, text: str, begun: Round, setup: str, series: Series, *, at_s: float
 ) -> tuple[CapturedStop, ...]:
-    """Record a setup from a series that began at ``at_s`` (seconds since 1970); return its stops,
+    """Record a setup from a series that began at ``at_s`` (seconds since 1970). Return its stops,
     pass after pass.
 
     Raises UsageError if the survey has no open pass of the setup, DataError if the series lacks a
@@ -106,7 +106,6 @@ def record_series(
 
 
 def _chunks(series: Series) -> Iterator[Chunk]:
-    """Yield the samples as chunks of lines; a chunk arrives at the time of its last sample."""
     size = max(1, round(CHUNK_S * series.rate_hz))
     for first in range(0, len(series.position_mm), size):
         part = series.position_mm[first : first + size]

@@ -1,8 +1,7 @@
-"""The links of a survey: made from the survey file, kept open and supervised. Received data become
-events in the event loop.
+"""The links of a survey, made from the survey file. Received data become events in the event loop.
 
-A chunk does not wake the loop: the polls of the machine run the loop at least every twentieth of a
-second, and sixty more wake-ups a second would cost a tenth of the daemon's work.
+A chunk does not wake the loop: the polls of the machine run the loop at least every 50 ms, and
+sixty more wake-ups a second would cost a tenth of the daemon's work.
 """
 
 import asyncio
@@ -32,22 +31,20 @@ Statuses = tuple[LinkStatus, LinkStatus, LinkStatus | None, LinkStatus | None]
 WAKE_NS = 30_000_000
 """Time in ns since the last collection of chunks after which a new chunk wakes the loop."""
 SLICE_NS = 100_000_000
-"""Longest time in ns during which the loop processes chunks before other work: seconds of data of
-any sound instrument.
+"""Longest time in ns in which the loop processes chunks before other work; an intact instrument
+sends less than this in several seconds.
 """
 MOST_WAITING_BYTES = 4_000_000
 """Largest number of waiting bytes, ten seconds of the fastest line; further chunks are lost, and
-reported as lost.
+the loss is reported.
 """
 
 
 class SurveyLinks:
     """The links of laser, machine and, if present, 4-DOF head and sensor of air.
 
-    ``consume`` is called in the event loop, in the order of arrival.
-
-    ``on_written`` is called after every write of a register, with the reason of a refusal, or
-    without a reason after a success.
+    ``consume`` is called in the event loop, in the order of arrival. ``on_written`` is called after
+    every write of a register, with the reason of a refusal, or without a reason after a success.
     """
 
     def __init__(
@@ -97,10 +94,10 @@ class SurveyLinks:
             self.collect()
 
     def collect(self) -> None:
-        """Pass the chunks that have arrived to ``consume``.
+        """Pass the arrived chunks to ``consume``.
 
-        After `SLICE_NS` of work no chunk is passed on for the same time, so that machine, page and
-        the end of the daemon get their turn even if a line sends too much.
+        After `SLICE_NS` of work no chunk is passed on for an equal time. So machine, page and the
+        end of the daemon are served even if a line sends too much.
         """
         self._woken = False
         self._collected_ns = began_ns = now_ns()
@@ -125,8 +122,8 @@ class SurveyLinks:
             self._consume(Loss(now_ns(), chunks, size, message("line-overloads")))
 
     def hurry(self) -> None:
-        """The machine waits: collect every chunk as soon as it arrives, until the next poll, and
-        let the readers pass on their bytes now.
+        """Collect every chunk as soon as it arrives, until the next poll, because the machine
+        waits.
         """
         self._hurried = True
         for stream in self._streams:
@@ -140,7 +137,6 @@ class SurveyLinks:
         self._poller.write_soon(place.table, place.address, stop_count)
 
     def dead(self) -> Iterator[str]:
-        """Yield the names of the links whose worker has ended."""
         return (task.get_name() for task in self._tasks if task.done())
 
     def statuses(self) -> Statuses:
@@ -182,10 +178,6 @@ class SurveyLinks:
         return Reconnector(stream, line.session, self._reporter(stream))
 
     def _receiver(self, stream: Stream) -> OnChunk:
-        """Return the function that a reading thread calls with each stamped chunk; the chunk then
-        waits until the loop collects it.
-        """
-
         def arrived(data: bytes, arrival_ns: int) -> None:
             if self._arrived_bytes > MOST_WAITING_BYTES:
                 self._lost_chunks += 1
@@ -199,16 +191,16 @@ class SurveyLinks:
         return arrived
 
     def _wake(self) -> None:
-        """Make the loop collect chunks once more, after all waiting work. May be called from any
-        thread; several calls have one effect.
+        """Make the loop collect chunks once more, after all waiting work. Any thread may call this
+        method; repeated calls before the next collection have no further effect.
         """
         if not self._woken:
             self._woken = True
             self._loop.call_soon_threadsafe(self._collect_or_fail)
 
     def _collect_or_fail(self) -> None:
-        """Collect chunks in a separate turn of the loop; a failure, which nobody would notice
-        there, ends `run`.
+        """Collect chunks in a separate turn of the loop. A failure ends `run`, because no caller
+        would notice the failure.
         """
         try:
             self.collect()
@@ -236,7 +228,6 @@ class SurveyLinks:
 
 
 def machine_settings(plc: Plc) -> MachineSettings:
-    """Return the settings of the link to the survey's machine."""
     if plc.transport == "tcp":
         return TcpSettings(
             host=plc.host, port=plc.tcp_port, unit=plc.unit, timeout_s=plc.timeout_s
@@ -262,7 +253,6 @@ def machine_settings(plc: Plc) -> MachineSettings:
 
 
 def serial_settings(section: SerialSection) -> SerialSettings:
-    """Return the settings of the line of an instrument."""
     return SerialSettings(
         port=section.port,
         baud=section.baud,
@@ -273,7 +263,6 @@ def serial_settings(section: SerialSection) -> SerialSettings:
 
 
 def _sections(survey: Survey) -> dict[str, SerialSection | None]:
-    """Return the section of the survey file for the line of every stream."""
     return {"laser": survey.laser, "head": survey.head, "air": survey.air_sensor}
 
 

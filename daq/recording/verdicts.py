@@ -1,8 +1,8 @@
 """Verdicts on a survey, stored beside its logs: an operator accepts a doubt or states the time, or
 the solver finds no result.
 
-Three files hold a JSON object per line: ``accepted.jsonl``, ``dated.jsonl`` and ``judged.jsonl``.
-Lines are only appended. A line torn by a power failure is skipped: its doubt is then open again.
+``accepted.jsonl``, ``dated.jsonl`` and ``judged.jsonl`` contain one JSON object per line. Lines are
+only appended. A line torn by a power failure is skipped, and its doubt is then open again.
 """
 
 import os
@@ -25,9 +25,11 @@ DATED = "dated.jsonl"
 JUDGED = "judged.jsonl"
 CORRECTED = "corrected.jsonl"
 WORDS = (ACCEPTED, DATED, JUDGED, CORRECTED)
-"""The files beside the logs of a survey that hold verdicts and corrections."""
+"""The files beside the logs of a survey with verdicts and corrections."""
 LARGEST_BYTES = 4_000_000
-"""Size in bytes above which a file of verdicts is refused: no person writes so many."""
+"""Largest size in bytes of a file of verdicts, far more than persons write; a larger file is
+refused.
+"""
 Line = TypeVar("Line", bound=msgspec.Struct)
 
 _log = structlog.get_logger("verdicts")
@@ -36,8 +38,8 @@ _log = structlog.get_logger("verdicts")
 class Judgement(msgspec.Struct, frozen=True, kw_only=True):
     """The reason why the solver found no result suitable for export.
 
-    ``stops`` is the number of captured stops at that time (out of date after another stop);
-    ``doubts`` are the most probable faults, empty if no repeated pass would help.
+    ``stops`` is the number of captured stops at that time; another stop makes the judgement out of
+    date. ``doubts`` are the most probable faults, empty if no repeated pass would help.
     """
 
     time_s: float
@@ -47,24 +49,22 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
-    """All verdicts on one survey: acceptances, verdicts of the solver, stated times."""
-
     accepted: tuple[Acceptance, ...] = ()
     judgements: tuple[Judgement, ...] = ()
-    """All verdicts of the solver, in order: the last is valid."""
+    """All verdicts of the solver, in order; the last is valid."""
     dated: tuple[TimeStated, ...] = ()
-    """The times that persons stated, in order: the last is valid."""
+    """The times that persons stated, in order; the last is valid."""
 
     @property
     def suspicions(self) -> tuple[tuple[int, tuple[Doubt, ...]], ...]:
-        """Return the suspicions of the solver and the number of stops before each, as
-        `PassBook.foretell` takes them.
+        """Return the suspicions of the solver, each with the number of earlier stops, for
+        `PassBook.foretell`.
         """
         return tuple((each.stops, each.doubts) for each in self.judgements)
 
     def tell(self, book: PassBook) -> Words:
-        """Pass the verdicts to the passes of a survey; return the reason why the survey cannot be
-        solved although every pass is complete, empty without a reason.
+        """Apply the verdicts to the passes of a survey. Return the reason why the survey cannot be
+        solved although every pass is complete; empty without a reason.
         """
         for word in self.accepted:
             book.accept(word)
@@ -79,7 +79,6 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def verdicts_in(folder: Path) -> Verdicts:
-    """Return the verdicts on the survey whose logs are in a folder; empty without verdicts."""
     return Verdicts(
         accepted=tuple(lines_of(folder / ACCEPTED, Acceptance)),
         judgements=tuple(lines_of(folder / JUDGED, Judgement)),
@@ -90,7 +89,7 @@ def verdicts_in(folder: Path) -> Verdicts:
 def accept(
     doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, time_s: float
 ) -> None:
-    """Add a person's acceptance of doubts; it is on disk when this returns.
+    """Add a person's acceptance of doubts, and wait until the acceptance is on disk.
 
     Raises UsageError if the reason or the name is empty, or the file cannot be written.
     """
@@ -105,8 +104,8 @@ def accept(
 def state_time(
     folder: Path, begun_s: float, *, reason: str, name: str, time_s: float
 ) -> None:
-    """Add a person's statement of the time of the first stop, in seconds since 1970; it is on disk
-    when this returns. Raises the errors of `accept`.
+    """Add a person's statement of the time of the first stop in seconds since 1970, and wait until
+    the statement is on disk. Raises the errors of `accept`.
     """
     _require_words(reason=reason, name=name)
     word = TimeStated(
@@ -129,10 +128,10 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
     """Return the open doubts at a place. The place ``ppp/1/5`` is stop 5 of pass 1 of ppp;
     ``ppp/1`` is the pass with all its stops.
 
-    A finding's code as place, such as ``too-many-outliers``, means all doubts with this code; a
-    line of the survey file means all doubts that this line causes.
+    A code of a finding as place, such as ``too-many-outliers``, selects all doubts with this code;
+    a line of the survey file selects all doubts that this line causes.
 
-    Raises UsageError, with the open doubts, if there is no such doubt.
+    Raises UsageError with the list of the open doubts if the place has no open doubt.
     """
     found = [
         doubt
@@ -156,8 +155,8 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
 
 
 def note_judgement(folder: Path, judged: Judgement) -> None:
-    """Add a verdict of the solver; it is on disk when this returns. Raises UsageError if the file
-    cannot be written.
+    """Add a verdict of the solver, and wait until the verdict is on disk. Raises UsageError if the
+    file cannot be written.
     """
     append_line(folder / JUDGED, msgspec.json.encode(judged))
 
@@ -171,8 +170,8 @@ def mark_of(folder: Path) -> tuple[int, ...]:
 
 
 def append_line(path: Path, line: bytes) -> None:
-    """Append a line to a file, which may end with a torn line. The line is on disk when this
-    returns. Raises UsageError, with the file unchanged, if the disk refuses.
+    """Append a line to a file, which may end with a torn line, and wait until the new line is on
+    disk. If the disk refuses, the file is unchanged, and UsageError is raised.
     """
     before = path.stat().st_size if path.exists() else None
     try:
@@ -200,7 +199,7 @@ def _back_to(path: Path, size: int | None) -> None:
 
 
 def lines_of(path: Path, kind: type[Line]) -> list[Line]:
-    """Return the values of one kind in the lines of a file, without torn lines; empty without a
+    """Return the values of one kind in the lines of a file, without torn lines; empty for a missing
     file.
     """
     if not path.is_file():

@@ -1,10 +1,10 @@
-"""The events that enter `daq.capture.capture`, live and replayed: bytes, register blocks, and
+"""The events that `daq.capture.capture` processes, live and replayed: bytes, register blocks, and
 changes of the links.
 
-The order of the events is the order of recording and of consumption; a replay passes on the same
-events in the same order and so gives the same result. Every time is the recording host's clock
-(`daq.timing.host_clock`) in nanoseconds. (The events are msgspec structs, because a replay creates
-millions of events: a struct needs a tenth of the time of a frozen dataclass.)
+The events are recorded in the order of processing; a replay processes the same events in the same
+order and so gives the same result. Every time is the recording host's clock
+(`daq.timing.host_clock`) in nanoseconds. An event is a msgspec struct, because a replay creates
+millions of events: a frozen dataclass needs ten times as long.
 """
 
 import re
@@ -19,9 +19,9 @@ from stepdiag.base.messages import Words, joined, message
 from stepdiag.daq.records.status import LinkState
 
 Stream = Literal["laser", "head", "air"]
-"""A stream of bytes: the laser, the 4-DOF head beside it, or the sensor of air and material."""
+"""A stream of bytes: the laser, the 4-DOF head, or the sensor of air and material."""
 Link = Literal["laser", "head", "air", "machine"]
-"""A link that can be connected or lost: a stream of bytes, or the link to the machine."""
+"""A link that can be connected or lost: a stream of bytes, or the machine."""
 _TABLE = r"^(?:coil|discrete|holding|input|db[1-9][0-9]{0,4}|[BMIO])\Z"
 Table = Annotated[
     str,
@@ -31,15 +31,14 @@ Table = Annotated[
         'block) or "B", "M", "I", "O" (LSV2)',
     ),
 ]
-"""The places of readable values in a machine: the four Modbus tables, a data block of an S7, the
-memories of a TNC's PLC (B holds words and double words too).
+"""The tables of readable values in a machine: the four Modbus tables, a data block of an S7, the
+memories of a TNC's PLC (B contains words and double words, too).
 """
 BIT_TABLES = ("coil", "discrete")
 REGISTER_TABLES = ("holding", "input")
 
 
 def is_table(name: str) -> bool:
-    """Return whether a table of the machine with this name exists."""
     return re.match(_TABLE, name) is not None
 
 
@@ -62,9 +61,7 @@ class ReadRange:
 
 
 class Chunk(msgspec.Struct, frozen=True, gc=False):
-    """Bytes of a stream, stamped right after their read; ``arrival_ns`` is a whole number of
-    microseconds.
-    """
+    """Bytes of a stream; ``arrival_ns`` is the time right after the read, in whole microseconds."""
 
     stream: Stream
     arrival_ns: int
@@ -74,10 +71,10 @@ class Chunk(msgspec.Struct, frozen=True, gc=False):
 class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
     """One poll of the machine: its requests and the data bytes of each answer, as on the wire.
 
-    ``send_ns`` is stamped before the first request, ``recv_ns`` after the last answer. ``data[i]``
-    answers ``ranges[i]``: registers are big-endian 16-bit words, bits are packed least significant
-    first, bytes are unchanged; ``b""`` means a refused range. (The name ``ModbusBlock`` is older
-    than the other protocols of a machine, and every log contains this name.)
+    ``send_ns`` is the time before the first request, ``recv_ns`` the time after the last answer.
+    ``data[i]`` answers ``ranges[i]``: registers are big-endian 16-bit words, bits are packed with
+    the least significant first, bytes are unchanged. ``b""`` means a refused range. (The struct is
+    also used for S7 and LSV2; logs contain its name.)
     """
 
     send_ns: int
@@ -87,8 +84,8 @@ class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
 
 
 class LinkEvent(msgspec.Struct, frozen=True, gc=False):
-    """A link changed its state, or lost bytes. ``lost`` names the places where bytes were lost, and
-    the number of bytes.
+    """A change of the state of a link, or a loss of bytes. ``lost`` contains the places where bytes
+    were lost, and the number of bytes.
     """
 
     time_ns: int
@@ -99,19 +96,17 @@ class LinkEvent(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def words(self) -> Words:
-        """Return a message with the state of the link and its lost bytes."""
         return with_lost(self.detail, self.lost)
 
     @property
     def interrupts(self) -> bool:
-        """Return whether an incomplete text line before this event must be discarded: yes after a
-        lost link, no after silence or lost bytes.
+        """Return whether an incomplete text line before the event must be discarded: yes for a lost
+        link, no for silence or lost bytes.
         """
         return self.state == "lost"
 
 
 def with_lost(detail: Words, lost: Sequence[Words]) -> Words:
-    """Return a message with the state of a link and its lost bytes."""
     return joined(
         [
             each
@@ -122,11 +117,11 @@ def with_lost(detail: Words, lost: Sequence[Words]) -> Words:
 
 
 class Loss(msgspec.Struct, frozen=True, gc=False):
-    """The recorder was too slow (disk full, disk too slow): this number of events before this event
-    was not stored.
+    """The number of events that the recorder could not store before this event, because the disk
+    was full or too slow.
 
-    An event that was not recorded is not consumed either, so a replay gets the events of the live
-    capture.
+    An event that was not recorded is not processed either, so a replay processes the events of the
+    live capture.
     """
 
     time_ns: int

@@ -1,6 +1,5 @@
-"""The state of the daemon at a moment: an immutable snapshot, for the page, ``status`` and systemd.
-
-`StatusSource` is the only interface between the daemon and its viewers.
+"""The state of the daemon at a moment, as immutable values, for the page, ``status`` and
+systemd.
 """
 
 from collections.abc import Iterable, Mapping
@@ -38,11 +37,13 @@ CommandName = Literal[
 
 
 State = Literal["open", "accepted", "past"]
-"""State of a finding: it keeps its pass open, was accepted, or is past."""
+"""State of a finding: ``open`` keeps the pass of the finding open."""
 
 
 class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A link in words: ``age_s`` is the time since the last data of the link, None without data."""
+    """A link in words. ``age_s`` is the time in s since the last data of the link, None without
+    data.
+    """
 
     state: LinkState
     address: Words
@@ -51,8 +52,9 @@ class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """The next pass and its gain, or the end of the survey, in words. ``setup`` is the next setup,
-    empty at the end; ``further``: the setup is not in the plan yet, and the operator may add it.
+    """The advice on the next pass and its gain, or on the end of the survey, in words. ``setup`` is
+    the next setup, empty at the end of the survey. ``further`` means that the setup is not in the
+    plan yet and that the operator may add the setup.
     """
 
     words: Words = ""
@@ -60,8 +62,8 @@ class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
     further: bool = False
 
     def while_open(self, to_drive: Iterable["DriveStatus"]) -> "AheadStatus":
-        """Return this advice; an empty one if its setup has been recorded meanwhile and the next
-        advice is still being computed.
+        """Return this advice; return an empty advice if its setup is recorded and the next advice
+        is still being computed.
         """
         stands = (
             self.further or not self.setup or self.setup in {each.setup for each in to_drive}
@@ -70,8 +72,6 @@ class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """The progress of one setup."""
-
     name: str
     passes_wanted: int
     passes_done: int
@@ -80,14 +80,14 @@ class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
     state: Literal["to-do", "running", "done", "again"]
     reason: Words = ""
     doubt: Words = ""
-    """The doubtful stops of the setup that stay in use, with the reason."""
+    """The doubtful stops of the setup that are used, with the reason."""
 
 
 class DriveStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A pass that must still be driven: its first stop (0: the whole pass), its number of stops,
-    and its time in minutes with the setting up.
+    """A pass to drive: its first stop (0: the whole pass), its number of stops, and its time in
+    minutes with the setting up.
 
-    ``again``: a driven pass with missing or doubted stops.
+    ``again`` marks a driven pass with missing or doubted stops.
     """
 
     setup: str
@@ -99,13 +99,13 @@ class DriveStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A captured stop. ``deviation_um`` is reading - nominal along the beam, corrected for air,
-    dead path and the mirror's tilt.
+    """A captured stop. ``deviation_um`` is reading minus nominal along the beam, corrected for air,
+    dead path and mirror tilt.
 
-    If one unbroken count joins the outward and the return pass of a setup, the deviations of both
-    start at the first stop of the outward pass; otherwise the return pass is joined at the far end.
-    The deviations of both passes have the same sign. ``place`` is the number of the stop on the
-    outward pass.
+    If one unbroken count connects the outward and the return pass of a setup, the deviations of
+    both passes start at the first stop of the outward pass; otherwise both passes have equal
+    deviations at the far end. The deviations of both passes have the same sign. ``place`` is the
+    number of the stop on the outward pass.
     """
 
     setup: str
@@ -120,10 +120,10 @@ class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A finding; ``place`` is its place (``ppp/1/5``: stop 5 of pass 1 of ppp; empty: none).
+    """A finding; ``place`` is its place (``ppp/1/5``: stop 5 of pass 1 of ppp), or empty.
 
-    ``state`` is ``open`` while the finding keeps its pass open, ``accepted`` where an operator
-    accepted the finding (``word``: operator, time, reason), else ``past``.
+    ``state`` is ``open`` for a finding that keeps its pass open, ``accepted`` for a finding that an
+    operator accepted (``word``: operator, time, reason), and ``past`` for any other.
     """
 
     code: str
@@ -137,7 +137,6 @@ class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def finding(self) -> Finding:
-        """Return the finding without its state."""
         at = self.at
         place = {
             "setup": at.setup,
@@ -156,11 +155,11 @@ class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StripStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """The newest second and a half of the laser at full rate: lowest and highest sample of every
-    bin, None for a bin without samples.
+    """The newest 1.5 s of the laser at full rate: lowest and highest sample of every bin, None for
+    a bin without samples.
 
-    ``first`` is the number of the first bin since the daemon began, so that a reader can join
-    strips and find missing bins.
+    ``first`` is the number of the first bin since the start of the daemon, so that a reader can
+    join strips and find missing bins.
     """
 
     first: int
@@ -174,8 +173,6 @@ Point = tuple[float, float, float]
 
 
 class WayStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A body diagonal of the plan: its state and its two ends."""
-
     setup: str
     state: str
     ends_mm: tuple[Point, Point]
@@ -193,8 +190,8 @@ class GeometryStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole state of the daemon for the viewer. Ages are in seconds, so that they do not depend
-    on a reader's clock.
+    """The whole state of the daemon. Ages are in seconds, so that an age does not depend on the
+    clock of a reader.
     """
 
     sequence: int
@@ -205,26 +202,28 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     workpiece: str = ""
     phase: Phase
     expects_setup: str
-    """The setup that comes next or runs now; empty when all setups are complete."""
+    """The setup of the next or running pass; empty when all setups are complete."""
     expects_pass: int = 1
-    """Number of the pass that comes next or runs now, from 1; even passes run back."""
+    """Number of the next or running pass, from 1; even passes run back."""
     expects_stop: int
     stops_in_pass: int
     program: str = ""
-    """The NC program of the expected setup, by its name at the control (``O8002``); empty where
+    """The name of the NC program of the expected setup at the control (``O8002``); empty if
     unknown.
     """
     moving_axis: str
-    """The axis that moves to the stop awaited now: x, y, z, or empty."""
+    """The axis that moves to the next stop: x, y, z, or empty."""
     reading_mm: float | None
     reading_age_s: float | None
     beam: float | None
-    """Beam strength from 0 (none) to 1 (full); None if the instrument does not send it."""
+    """Beam strength from 0 (none) to 1 (full); None if the instrument does not send the
+    strength.
+    """
     beam_lost: bool
     stopped: bool | None
     stop_count: int | None
     alarm: bool | None = None
-    """The machine's alarm signal; None where it is not wired."""
+    """The machine's alarm signal; None without this signal."""
     commanded_mm: tuple[float, float, float] | None = None
     laser: LinkStatus
     plc: LinkStatus
@@ -237,55 +236,55 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     relative_humidity_percent: float | None
     material_temperature_c: float | None
     tilt_mrad: tuple[float, float] | None
-    """Mirror tilt in mrad in the pass driven last, estimated from the first steps of this pass;
-    None before three steps of each axis.
+    """Mirror tilt in mrad in the last driven pass, estimated from its first steps; None before
+    three steps of each axis.
     """
     tilt_setup: str = ""
     tilt_live: bool = False
-    """``tilt_setup`` is the setup of the mirror tilt. ``tilt_live``: whether a pass of this setup
-    is being driven now; between setups the mirror is moved.
+    """``tilt_setup`` is the setup of the mirror tilt. ``tilt_live`` is True while a pass of this
+    setup is driven; between setups the mirror is moved.
     """
     setups: tuple[SetupStatus, ...]
     stops: tuple[StopStatus, ...]
-    """The stops of the running pass and of the pass before it in the same setup."""
+    """The stops of the running pass and of the previous pass of the same setup."""
     findings: tuple[FindingStatus, ...]
     seconds_left: float | None
     corrects: tuple[str, ...] = ()
-    """The lines of the survey file changed since the daemon read the file: a person may request
+    """The changed lines of the survey file since the daemon read the file. A person may request
     that the logs be read again with the changed file.
     """
     to_drive: tuple[DriveStatus, ...] = ()
-    """The passes still to be driven, in order; ``seconds_left`` is the sum of their times."""
+    """The passes to drive, in order; ``seconds_left`` is the sum of their times."""
     origin_mm: tuple[float, float, float]
     size_mm: tuple[float, float, float]
     increments: int
     geometry: GeometryStatus | None = None
     counts_to: int | None = None
-    """The last stop of the present pass with a valid count; None while the count is not lost."""
+    """The last stop of the present pass with a valid count; None while the count is valid."""
     driven_out: bool = False
-    """Whether the machine has left the last stop of the pass, whose capture is about to end:
-    interrupting the beam now does no harm.
+    """Whether the machine has left the last stop of the pass: interrupting the beam is then
+    harmless.
     """
     strip: StripStatus | None = None
     result_ready: bool
     proof: Severity | None = None
-    """The severity of the verdict of a proof run: ``info`` means that the tables stay, ``warning``
-    that the proof run has not decided, ``error`` that the old tables must be restored. None for any
-    other survey, and before the result.
+    """The severity of the verdict of a proof run: ``info``: the tables remain loaded; ``warning``:
+    the proof run is undecided; ``error``: the old tables must be restored. None for any other
+    survey, and before the result.
     """
     recording: bool
     begins: bool = False
-    """Whether the operator has to announce each setup: the machine has no signals."""
+    """Whether the operator announces each setup, because the machine has no signals."""
     ahead: AheadStatus = AheadStatus()
     """The advice on the next pass from the newest solution."""
     waits_in_vain: bool = False
-    """Whether the machine waits too long for the handshake; ``message`` names the reason."""
+    """Whether the machine waits too long for the handshake; ``message`` contains the reason."""
     message: Words = ""
 
 
 class Download(msgspec.Struct, frozen=True, kw_only=True):
-    """A finished file that a person may download. ``name`` is unique, contains no ``/``, and stands
-    on the page.
+    """A finished file for download. ``name`` is unique, contains no ``/``, and is shown on the
+    page.
 
     ``bundle`` and ``restore`` are the folder of an export, packed on download; ``group`` is the
     control of the export.
@@ -298,23 +297,25 @@ class Download(msgspec.Struct, frozen=True, kw_only=True):
     ]
     size_bytes: int
     sha256: str = ""
-    """SHA-256 of the file; empty if only reading the file would give it."""
+    """SHA-256 of the file; empty if the program would have to read the file to compute the
+    value.
+    """
     group: str = ""
 
 
 class StatusSource(Protocol):
-    """The interface of the daemon for the page. Every method is called from the daemon's own event
-    loop.
+    """The interface between the daemon and its viewers. Every method is called from the daemon's
+    event loop.
     """
 
     def snapshot(self) -> Snapshot:
-        """Return the present state; cheap, called up to ten times a second for any number of
-        viewers.
+        """Return the present state. The call is cheap, and made up to ten times a second for any
+        number of viewers.
         """
 
     async def changed(self, sequence: int) -> None:
-        """Return as soon as the snapshot's ``sequence`` differs from the given number; the call may
-        be cancelled at any time.
+        """Return as soon as the snapshot's ``sequence`` differs from the given number. The call may
+        be cancelled.
         """
 
     def result_file(self) -> Path | None:
@@ -323,16 +324,16 @@ class StatusSource(Protocol):
         """
 
     def folder(self) -> Path:
-        """Return the folder of the survey shown: the page offers only files of this folder."""
+        """Return the folder of the survey; the page offers only files of this folder."""
 
     def token_guessed(self, address: str, count: int) -> None:
         """Record the number of wrong tokens from an address."""
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
-        """Execute a request of a person with the token.
+        """Execute a command of a person with the token.
 
         ``choose-setup`` takes ``setup``; ``name`` takes ``operator`` and ``workpiece``; ``accept``
-        takes ``place`` (of a doubt), ``reason`` and ``name``; ``take`` adds the further setup shown
-        on the page to the survey; all other commands take no arguments. Raises UsageError, which
-        names the required state, if the present state does not allow the command.
+        takes ``place`` (of a doubt), ``reason`` and ``name``. ``take`` adds the further setup on
+        the page to the survey. The other commands take no arguments. Raises UsageError with the
+        required state if the present state does not allow the command.
         """

@@ -12,7 +12,7 @@ EXPORTS = "exports"
 AHEAD = "ahead.json"
 """File with the next passes to drive."""
 REFUSED = "REFUSED.txt"
-"""File that states why there are no files for a control, in the folder for these files."""
+"""File in the folder of the control files that contains the reason for a refused export."""
 
 
 def machine_folder(machine: str) -> str:
@@ -23,8 +23,8 @@ def machine_folder(machine: str) -> str:
 def logs_in(folder: Path) -> list[Path]:
     """Return the logs of a folder in the order of their numbers.
 
-    Of a damaged log and its mended copy (``0001.recovered.mcap``) the copy is used; a log that was
-    cut off (``.part``) is used until a mended copy exists beside it.
+    A mended copy (``0001.recovered.mcap``) replaces its damaged log. A log that was cut off
+    (``.part``) is returned until its mended copy exists.
     """
     found = {
         path.name: path

@@ -1,6 +1,4 @@
-"""The file of a survey's next passes beside the logs: written by a computing process, read by the
-daemon and by `status`.
-"""
+"""The file with the next passes of a survey, beside the logs."""
 
 from pathlib import Path
 
@@ -12,11 +10,11 @@ from stepdiag.daq.records.status import AheadStatus
 from stepdiag.daq.records.survey_folder import AHEAD
 
 LARGEST_BYTES = 100_000
-"""Size in bytes above which the file was not written by this program."""
+"""Largest size of the file in bytes; a larger file was not written by this program."""
 
 
 def write_ahead(folder: Path, ahead: AheadStatus) -> None:
-    """Write the file of the next passes, complete or not at all. Raises UsageError if the folder
+    """Write the file with the next passes, complete or not at all. Raises UsageError if the folder
     cannot be written.
     """
     write_atomically(folder / AHEAD, msgspec.json.encode(ahead))

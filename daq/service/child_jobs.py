@@ -1,6 +1,4 @@
-"""The jobs that the daemon leaves to child processes: a survey whose last pass is complete is
-solved and exported, finished surveys are packed.
-"""
+"""Child processes of the daemon, which solve and export a survey or pack finished surveys."""
 
 import asyncio
 import time
@@ -25,13 +23,13 @@ _log = structlog.get_logger("daemon")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commands:
-    """The commands that run as child processes. ``completion`` gets a finished survey's folder,
-    ``archiving`` the folder of all surveys and its limit in GB (0: none).
+    """The commands of the child processes. ``completion`` gets the folder of a finished survey;
+    ``archiving`` gets the folder of all surveys and its limit in GB (0: none).
 
-    ``ahead`` computes the next passes after each setup, and with `TAKE` adds the further setup that
-    the operator chose. With `READINGS_ONLY` before the folder, ``completion`` writes only the
-    readings of a survey that stays open; with `CERTIFICATE_ONLY`, only the certificate of a
-    finished survey.
+    ``ahead`` computes the next passes after each setup; ``ahead`` with `TAKE` adds the further
+    setup that the operator selected. With `READINGS_ONLY` before the folder, ``completion`` writes
+    only the readings of an open survey; with `CERTIFICATE_ONLY`, only the certificate of a finished
+    survey.
     """
 
     completion: Sequence[str]
@@ -43,7 +41,7 @@ class Commands:
 class Finisher:
     """Runs the child processes and stores the outcome of the last one.
 
-    ``on_done`` is called after the attempt to solve a survey, with the survey's folder and whether
+    ``on_done`` is called after each attempt to solve a survey, with the survey's folder and whether
     there is a result.
     """
 
@@ -65,16 +63,13 @@ class Finisher:
         self._looking: asyncio.Task[None] | None = None
 
     def recorder_is(self, *, idle: bool) -> None:
-        """Record whether the recorder is idle, so that the last log is closed: an open log is not
-        read.
-        """
+        """Record whether the recorder is idle. Only then is the last log closed and can be read."""
         if idle:
             self._recorder_idle.set()
         else:
             self._recorder_idle.clear()
 
     def finish(self, folder: Path) -> None:
-        """Begin to solve the survey of a folder."""
         self._begin(self._finish(folder), f"completion {folder.name}")
         if self._looking is not None:
             # the new result contains more than this computation, and must not wait for it
@@ -82,19 +77,19 @@ class Finisher:
         self.phase, self.message = "solving", ""
 
     def tabulate(self, folder: Path, then: Callable[[], None]) -> None:
-        """Begin to write the readings of a survey that stays open; ``then`` is called after success
-        or failure.
+        """Begin to write the readings of an open survey; ``then`` is called at the end, also after
+        a failure.
         """
         self._begin(self._tabulate(folder, then), f"readings {folder.name}")
 
     def certify(self, folder: Path, then: Callable[[], None]) -> None:
-        """Begin to write the certificate of a finished survey; ``then`` is called after success or
-        failure.
+        """Begin to write the certificate of a finished survey; ``then`` is called at the end, also
+        after a failure.
         """
         self._begin(self._certify(folder, then), f"certificate {folder.name}")
 
     def look_ahead(self, folder: Path, then: Callable[[], None]) -> None:
-        """Begin to compute the next passes of a survey; ``then`` is called after success or
+        """Begin to compute the next passes of a survey; ``then`` is called at the end, also after a
         failure.
         """
         if self._commands.ahead:
@@ -103,20 +98,19 @@ class Finisher:
             )
 
     def take(self, then: Callable[[], None]) -> None:
-        """Begin to add the further setup to the survey file; ``then`` is called after success or
-        failure.
+        """Begin to add the further setup to the survey file; ``then`` is called at the end, also
+        after a failure.
         """
         self._begin(self._take(then), "take")
 
     def forget(self) -> None:
-        """Stop showing the result, because another survey is being recorded or the shown survey
-        continues.
+        """Stop showing the result, because the survey continues or another survey is being
+        recorded.
         """
         self.result = self.proof = None
         self.message = ""
 
     async def close(self) -> None:
-        """End the child processes that still run."""
         for child in self._children:
             child.cancel()
         await asyncio.gather(*self._children, return_exceptions=True)
@@ -128,8 +122,8 @@ class Finisher:
         return task
 
     async def _run(self, *command: str) -> tuple[int, Words]:
-        """Run a child process; return its exit code and its last message. The children run one
-        after the other, because two would write the same readings.
+        """Run a child process; return its exit code and its last message. Only one child runs at a
+        time, because two would write the same readings.
         """
         async with self._one:
             child = await asyncio.create_subprocess_exec(
@@ -204,9 +198,6 @@ class Finisher:
         await self._keep_budget(folder.parent)
 
     async def _keep_budget(self, folder: Path) -> None:
-        """Pack the oldest finished surveys if there is a limit of size; the child process writes
-        into the daemon's own log.
-        """
         if self._commands.archiving and self._commands.max_gb:
             child = await asyncio.create_subprocess_exec(
                 *self._commands.archiving,
@@ -227,15 +218,14 @@ class _Found(msgspec.Struct):
 
 
 def proof_in(result: Path) -> Severity | None:
-    """Return the severity of the verdict in a proof run's result; None for any other result."""
+    """Return the severity of the verdict in the result of a proof run; None for any other
+    result.
+    """
     found = msgspec.json.decode(result.read_bytes(), type=_Found).findings
     return next((each.severity for each in found if each.code == PROOF), None)
 
 
 def _of_line(line: str) -> Words:
-    """Return the message in the last line of a child's output; for another program, the line
-    itself.
-    """
     try:
         return of_log(line, line)
     except ValueError:
@@ -243,9 +233,6 @@ def _of_line(line: str) -> Words:
 
 
 async def _last_words(child: asyncio.subprocess.Process) -> bytes:
-    """Return the standard error of a child process after its end; a cancellation ends the child
-    first.
-    """
     try:
         _, written = await child.communicate()
     except asyncio.CancelledError:

@@ -1,8 +1,7 @@
 """The service: links, recorder and session in one event loop, for one survey after another.
 
-The daemon's process only records. Events of the links reach the session in the order of their
-arrival. After the last pass a child (`daq.service.child_jobs`) runs solver and exporters on the
-finished logs, and the next survey can begin at once.
+The process of the daemon only records. After the last pass a child (`daq.service.child_jobs`) runs
+solver and exporters on the finished logs, and the next survey can begin at once.
 """
 
 import asyncio
@@ -47,20 +46,20 @@ from stepdiag.daq.timing.host_clock import now_ns, wall_offset_ns
 PUBLISH_S = 0.1
 """Period of the snapshot in s."""
 LOOK_S = 0.5
-"""Period in s in which new verdicts are searched if no event comes."""
+"""Period in s of the search for new verdicts while no event comes."""
 LIVE_S = 1.0
-"""Period in s in which the file for `status` is rewritten."""
+"""Period in s of writing the file for `status`."""
 _log = structlog.get_logger("daemon")
 
 
 class Daemon:
-    """Records surveys until it is stopped. ``completion`` is the command that runs with a survey's
-    folder after its last pass.
+    """Records surveys until it is stopped.
 
-    ``archiving`` is the command that runs with the folder of all surveys of this name and the
-    folder's limit in GB, if there is a limit. ``ahead`` is the command that runs after a setup and
-    computes the next passes. ``programs`` gives the NC program of each setup of a survey, by its
-    name at the control. ``status_source`` answers the page.
+    ``completion`` is the command that processes the folder of a survey after its last pass.
+    ``archiving`` is the command that compresses finished surveys, with the folder of all surveys of
+    this name and the folder's limit in GB. ``ahead`` is the command that computes the next passes
+    after a setup. ``programs`` returns the NC program of each setup of a survey, by its name at the
+    control. ``status_source`` answers the page.
     """
 
     def __init__(
@@ -102,7 +101,7 @@ class Daemon:
     async def run(self) -> None:
         """Record until SIGTERM, SIGINT or `stop`; then close the open log.
 
-        Raises UsageError if another daemon holds the folder, RuntimeError if a worker died,
+        Raises UsageError if another daemon has locked the folder, RuntimeError if a worker died,
         DeviceError if the disk refused data to the end.
         """
         self.take_folder()
@@ -122,14 +121,13 @@ class Daemon:
             raise _unwritten(recorder.health)
 
     def take_folder(self) -> None:
-        """Take the lock of the survey's folder before anything else is opened. Raises UsageError if
-        another daemon holds the lock.
+        """Lock the survey's folder before anything else is opened. Raises UsageError if another
+        daemon has locked the folder.
         """
         if not self._taken:
             self._lock, self._taken = FolderLock.take(self._folder), True
 
     def stop(self) -> None:
-        """Request the end of the daemon."""
         self._stop.set()
 
     async def _serve(self, recorder: Recorder) -> None:
@@ -139,7 +137,7 @@ class Daemon:
         self.status_source.open(working)
         self._settled.know(working.session)
         if working.session.book.complete():
-            working.session.unsolved = ""  # the reason why there was no result may be gone
+            working.session.unsolved = ""  # the reason for a missing result may be gone
         self._complete_if_settled()
         workers: list[asyncio.Task[Any]] = [
             asyncio.create_task(working.survey_links.run(), name="links"),
@@ -245,9 +243,6 @@ class Daemon:
             session.say(waits)
 
     def _written(self, refused: Words) -> None:
-        """Process the machine's answer to a written register; ``refused`` is empty if the machine
-        accepted.
-        """
         if self._handshake is not None and (refusal := self._handshake.written(refused)):
             self._working.session.say(refusal)
 
@@ -271,7 +266,7 @@ class Daemon:
             self._ended(outcome)
 
     def _captured(self, stop: CapturedStop) -> None:
-        """Answer the machine as soon as a stop is safe in the log, so that the machine may move on;
+        """Answer the machine as soon as a stop is safe in the log, so that the machine may move;
         all other work follows the answer.
         """
         if self._handshake is not None:
@@ -301,8 +296,8 @@ class Daemon:
         )
 
     def _ended(self, ended: Ended) -> None:
-        """Report the end of a pass after its stops are reported: the last captured stop must first
-        be safe in the log.
+        """Report the end of a pass after the reports of its stops: the last captured stop must
+        first be safe in the log.
         """
         note = log_note(now_ns(), "info", str(ended.reason), "daemon")
         # a stop is reported one turn of the loop after its answer, and so is the end of its pass
@@ -311,7 +306,7 @@ class Daemon:
             lambda: self._loop.call_soon_threadsafe(self._loop.call_soon, _say_ended, ended),
         )
         self._loop.call_soon(self._complete_if_settled)
-        # starting a process stops the loop for ten milliseconds, in which the machine would wait
+        # starting a process stops the loop for 10 ms; in this time the machine would wait
         # for the answer to its last stop
         self._loop.call_later(PUBLISH_S, self._look_ahead)
 
@@ -332,9 +327,6 @@ class Daemon:
         return session
 
     def _complete_if_settled(self) -> None:
-        """Solve the survey if all passes are complete and free of doubts; report the doubts if they
-        alone keep the survey open.
-        """
         session = self._working.session
         settled = self._settled.of(session)
         if settled == "complete":
@@ -346,9 +338,6 @@ class Daemon:
             )
 
     def _say_open(self, session: Session, still: Sequence[Doubt]) -> None:
-        """Report the doubts that remain open; other doubts were accepted, or removed by another
-        pass.
-        """
         if session is not self._working.session or session.book.doubts() != still:
             return
         places, reason = (
@@ -359,7 +348,6 @@ class Daemon:
         self._write_live(lambda: _log.warning("survey-open", **facts))
 
     def _complete(self) -> None:
-        """Pass the finished survey to a child process, and prepare for the next survey."""
         working = self._working
         whole = working.session
         working.finisher.finish(whole.folder)
@@ -370,9 +358,6 @@ class Daemon:
         working.shown = whole
 
     def _solved(self, folder: Path, solved: bool) -> None:
-        """Process the outcome of solving a survey. A survey without a result stays open, and
-        continues unless another survey has begun.
-        """
         working = self._working
         self.status_source.news()
         begun = working.session.recording or bool(working.session.book.passes)
@@ -387,7 +372,6 @@ class Daemon:
         self._settled.know(working.session)
 
     def _look_at_verdicts(self) -> None:
-        """Process the statements that persons added to the survey outside this process."""
         session = self._working.session
         heard = self._settled.heard(session)
         if heard:
@@ -396,20 +380,16 @@ class Daemon:
             self._complete_if_settled()
 
     def _look_ahead(self) -> None:
-        """Start the computation of the next passes after a setup is complete."""
         shown = self._working.shown
         last = shown.book.last
         if last is not None and not shown.book.open_passes(last.setup):
             self._working.finisher.look_ahead(shown.folder, self.status_source.news)
 
     def _look_at_survey(self) -> None:
-        """Examine the survey file between two passes: continue with further setups, and show the
-        effect of other changes.
-        """
         working = self._working
         begun = working.shown is not working.session and working.session.book.passes
-        # before the first stop a change has no effect: the file is examined again when there are
-        # stops
+        # before the first stop a change has no effect, so the file is examined again
+        # at the first stop
         looked = (_modified_ns(self._file), bool(working.shown.book.stops))
         if looked == self._looked or working.finisher.phase == "solving" or begun:
             return
@@ -437,7 +417,6 @@ class Daemon:
         )
 
     def _go_on(self, text: str, begun: Round) -> None:
-        """Continue a round with another survey file."""
         working = self._working
         self._text, self.survey = text, parse_survey(text, self._file.name)
         working.programs = self._programs(self.survey)
@@ -448,9 +427,6 @@ class Daemon:
         self.status_source.news()
 
     def _corrections(self, text: str) -> list[Change]:
-        """Return the changed lines that correct the shown round; empty if the round is solved, or
-        the machine must be driven again.
-        """
         changed = compared(self._text, text) or []
         solved = (
             self._working.finisher.result is not None or not self._working.shown.book.stops
@@ -458,9 +434,6 @@ class Daemon:
         return [] if solved or any(each.begins_round for each in changed) else changed
 
     async def _correct(self, name: str) -> None:
-        """Read the logs of the round again with the changed survey file. Raises UsageError while a
-        pass is recorded, or if no line is changed.
-        """
         working, text = self._working, read_text(self._file)
         changed = self._corrections(text)
         if working.session.recording or not changed:
@@ -476,7 +449,7 @@ class Daemon:
         paused, working.paused = (
             working.paused,
             True,
-        )  # no pass begins while the logs of the previous passes are read
+        )  # no pass may begin while the logs of the previous passes are read
         try:
             await asyncio.to_thread(note_correction, working.shown.folder, correction)
             begun = await asyncio.to_thread(
@@ -494,7 +467,6 @@ class Daemon:
         self._complete_if_settled()
 
     def _look_at_begun(self) -> None:
-        """Begin the setup that an operator announced at a terminal."""
         for word in self._begun.news():
             try:
                 self._working.session.begin(word.setup, now_ns())
@@ -512,7 +484,6 @@ class Daemon:
     # sent data
 
     def _recorder_changed(self, health: RecorderHealth) -> None:
-        """Store the recorder's state; called in the recorder's thread."""
         self._loop.call_soon_threadsafe(self._recorder_is, health.state in ("idle", "dead"))
         fields = {
             "state": health.state,
@@ -530,7 +501,7 @@ class Daemon:
         self._working.finisher.recorder_is(idle=idle)
 
     async def _publish(self) -> None:
-        """Make a new snapshot, and examine the files beside the logs; the period is long so that
+        """Make a new snapshot, and examine the files beside the logs. The period is long, so that
         arrival stamps are disturbed less.
         """
         looked_s = 0.0
@@ -551,9 +522,6 @@ class Daemon:
             await self.status_source.publish()
 
     def _write_live(self, then: Callable[[], object] | None = None) -> None:
-        """Write the live state beside the lock, in a thread that only writes; that thread calls
-        ``then`` at the end.
-        """
         self._live_s = time.monotonic()
         self._writing = asyncio.create_task(
             self._written_live(self._writing, then), name="live"
@@ -569,9 +537,6 @@ class Daemon:
             then()
 
     def _announce(self, waits_for: str) -> None:
-        """Report the event that the daemon waits for: to systemd always, and to the journal while
-        nothing is being recorded.
-        """
         self._notifier.status(waits_for)
         if waits_for != self._announced and not self._working.session.recording:
             _log.info("waiting", what=waits_for)
@@ -579,7 +544,6 @@ class Daemon:
 
 
 def _modified_ns(file: Path) -> int:
-    """Return the time of the last change of a file in ns; 0 if the file does not exist."""
     try:
         return file.stat().st_mtime_ns
     except OSError:
@@ -591,7 +555,6 @@ def _say_ended(ended: Ended) -> None:
 
 
 def _unwritten(health: RecorderHealth) -> DeviceError:
-    """Return the error about a disk that has not accepted the newest records."""
     remedy = message("make-room")
     found = message(
         "bytes-lost",

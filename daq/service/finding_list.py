@@ -40,7 +40,6 @@ def _key(found: Finding | Doubt) -> tuple[object, ...]:
 
 
 def _is_missing(book: PassBook, found: Finding) -> bool:
-    """Return whether a finding is about a stop that still has no usable reading."""
     passes = (each for each in book.of(found.setup) if each.number == found.pass_number)
     return found.severity != "info" and any(found.stop in each.missing for each in passes)
 

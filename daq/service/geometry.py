@@ -1,6 +1,4 @@
-"""The drawing of a survey in mm: the volume's edges and axes, the lines of the setups, and the
-route of the pass.
-"""
+"""The drawing of a survey in mm."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -18,7 +16,7 @@ BEYOND = 0.06
 def geometry(
     plan: Plan, setups: Sequence[SetupStatus], expects: str, number: int
 ) -> GeometryStatus:
-    """Return the drawing of a survey. ``number`` is the awaited or running pass of the setup
+    """Return the drawing of a survey. ``number`` is the next or running pass of the setup
     ``expects`` (empty: none).
     """
     edges, axes = _box(plan.volume)
@@ -34,9 +32,6 @@ def geometry(
 def _box(
     volume: Volume,
 ) -> tuple[tuple[tuple[Point, Point], ...], tuple[tuple[str, Point], ...]]:
-    """Return the edges of a volume, first the edges at the origin, and the places of the axis
-    names.
-    """
     corners = [_corner(volume, bits) for bits in range(8)]
     pairs = [(a, a | bit) for a, bit in product(range(8), (1, 2, 4)) if not a & bit]
     edges = tuple(

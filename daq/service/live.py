@@ -1,5 +1,5 @@
-"""The present state of the daemon and its links for `status`: a small file beside the lock,
-rewritten every second.
+"""The present state of the daemon and its links for `status`: a small file beside the lock, written
+every second.
 """
 
 import time
@@ -15,11 +15,11 @@ from stepdiag.daq.records.status import LinkStatus
 
 FILE = ".now.json"
 OLD_S = 10.0
-"""Age in s of the file above which the daemon, or the disk, counts as standing still."""
+"""Age in s of the file above which the daemon, or the disk, counts as stopped."""
 AT_STOPS = ("waits-taking", "waits-move", "waits-machine")
 """Keys of the messages of a daemon that waits for a stop of a setup."""
 LARGEST_BYTES = 100_000
-"""Size in bytes above which the file was not written by this program."""
+"""Largest size of the file in bytes; a larger file was not written by this program."""
 
 
 class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -37,7 +37,6 @@ class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
     conditions: dict[str, float] = {}
 
     def awaits_stop_of(self, setup: str) -> bool:
-        """Return whether the daemon waits for the next stop of a setup."""
         waits = self.waits_for
         return (
             isinstance(waits, Message)
@@ -57,8 +56,8 @@ def write_live(folder: Path, status: LiveStatus) -> None:
 
 
 def forget_live(folder: Path) -> None:
-    """Remove the file of the state, because the daemon ends. On a refusing disk the file remains
-    and is soon out of date.
+    """Remove the file of the state, because the daemon ends. If the disk refuses, the remaining
+    file is soon out of date.
     """
     with suppress(OSError):
         (folder / FILE).unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""The daemon's counts and measures, for the supervision of many daemons."""
+"""Counts and measures of the daemon, for the supervision of many daemons."""
 
 import shutil
 import time
@@ -15,8 +15,8 @@ GB = 1e9
 
 @dataclass(slots=True)
 class Tally:
-    """Counts of the daemon since its start. ``fed_s`` is the monotonic time in s at which every
-    worker was last found alive.
+    """Counts of the daemon since its start. ``fed_s`` is the monotonic time in s of the last check
+    that found every worker alive.
     """
 
     stops: int = 0
@@ -32,7 +32,7 @@ class Tally:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """The daemon's figures at a moment. ``links`` holds the states of the links by name.
+    """Figures of the daemon at a moment. ``links`` are the states of the links by name.
     ``disk_free_bytes`` is the free space on the disk of the logs. ``watchdog_age_s`` is the time
     since the last check that found every worker alive.
     """
@@ -49,7 +49,6 @@ class Figures:
 
 
 def disk_free_bytes(folder: Path) -> int:
-    """Return the free space on the disk of a folder in bytes."""
     return shutil.disk_usage(folder).free
 
 

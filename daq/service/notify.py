@@ -1,6 +1,4 @@
-"""Notices to systemd (sd_notify(3)): that the daemon is ready, its present work, and signs of
-life.
-"""
+"""Notices to systemd (sd_notify(3))."""
 
 import os
 import socket
@@ -25,21 +23,19 @@ class Notifier:
         )
 
     def ready(self) -> None:
-        """Report that the daemon is ready."""
         self._send("READY=1")
 
     def status(self, text: str) -> None:
-        """Report the daemon's present work in words; equal words are reported once."""
+        """Report the present work of the daemon in words; a repetition is not sent."""
         if text != self._shown:
             self._shown = text
             self._send(f"STATUS={text}")
 
     def alive(self) -> None:
-        """Feed the watchdog; called only after every worker has given a sign of life."""
+        """Feed the watchdog. Call this only after every worker has given a sign of life."""
         self._send("WATCHDOG=1")
 
     def stopping(self) -> None:
-        """Report that the daemon ends."""
         self._send("STOPPING=1")
 
     def _send(self, message: str) -> None:

@@ -1,5 +1,5 @@
-"""Low priority of a computing process relative to the recording process. The module imports nothing
-else, because it must act before numpy is loaded.
+"""Low priority of a computing process relative to the recording process. The module imports no
+other module, because it must act before numpy is loaded.
 """
 
 import os
@@ -14,12 +14,12 @@ all other work of a busy computer.
 
 
 def lower_priority() -> None:
-    """Give the recording process priority over this process: another survey may be recorded while
+    """Give the recording process priority over this process, because a survey may be recorded while
     this process computes.
 
-    A kernel lets a computing thread finish its slice of a millisecond or more whatever process
-    wakes up, so a low priority is not enough: one processor is left free. numpy's threads stay on
-    their first processors, so this call precedes the import of numpy.
+    The kernel lets a computing thread finish its slice of a millisecond or more, so a low priority
+    is not enough: one processor is left free. The threads of numpy stay on their first processors,
+    so this call must precede the import of numpy.
     """
     nice(GIVE_WAY)
     with suppress(OSError, AttributeError):

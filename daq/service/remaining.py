@@ -1,6 +1,4 @@
-"""The passes that must still be driven: their order, their first stops, and their times with the
-setting up.
-"""
+"""The passes to drive: their order, their first stops, and their times with the setting up."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -18,7 +16,7 @@ from stepdiag.daq.records.status import DriveStatus
 from stepdiag.daq.survey.models import Survey
 
 PACE_STOPS = 10
-"""Number of newest stops from which the machine's pace is computed."""
+"""Number of newest stops from which the pace of the machine is computed."""
 LONGEST_SETTING_UP = 3.0
 SETTING_UP: Mapping[Kind, str] = {
     "step": "diagonal_setup_min",
@@ -28,8 +26,8 @@ SETTING_UP: Mapping[Kind, str] = {
     "fourdof": "fourdof_setup_min",
 }
 LONGEST_DWELL = 20.0
-"""Factor to the planned time above which the time of a stop contains an interruption and does not
-count for the pace.
+"""Factor to the planned time above which the time of a stop contains an interruption and is left
+out of the pace.
 """
 
 
@@ -38,9 +36,9 @@ def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveSt
     and free of doubts.
 
     A begun pass counts from the stop where it continues. The minutes of a pass are computed with
-    the measured pace, or with the planned pace until a pass is measured. The first pass of a setup
-    that is not set up yet includes the setting up, with the time measured on earlier setups.
-    ``running`` is the setup that the machine drives now.
+    the measured pace, or with the planned pace until a pass is measured. The first pass of a future
+    setup includes the setting up, with the time measured on earlier setups. ``running`` is the
+    setup that the machine drives now.
     """
     plan = survey.plan
     standing = book.last.setup if book.last is not None else ""
@@ -108,7 +106,6 @@ def _drive(
 
 
 def _following(begun: Pass) -> int | None:
-    """Return the stop after the measured stops of a pass; None if an earlier stop is missing."""
     last = max(begun.measured, default=-1)
     return None if begun.missing and begun.missing[0] <= last else last + 1
 
@@ -125,7 +122,6 @@ def _with_minutes(drive: DriveStatus, stop_s: float, setting_up_s: float) -> Dri
 
 
 def _pace(plan: Plan, book: PassBook, setup: str) -> tuple[float, float]:
-    """Return the seconds from stop to stop and the seconds of setting up."""
     planned, setting_up = _times(plan, setup)
     measured = _measured_pace_s(book)
     return (
@@ -135,9 +131,6 @@ def _pace(plan: Plan, book: PassBook, setup: str) -> tuple[float, float]:
 
 @lru_cache(maxsize=256)
 def _times(plan: Plan, setup: str) -> tuple[float, float]:
-    """Return the seconds from stop to stop, and the seconds of setting up, by the rules of the
-    planner.
-    """
     run = plan.run_of(setup)
     setting_up = setup_minutes(plan, run)
     return 60 * (run_minutes(plan, run) - setting_up) / (
@@ -146,9 +139,6 @@ def _times(plan: Plan, setup: str) -> tuple[float, float]:
 
 
 def _measured_pace_s(book: PassBook) -> float | None:
-    """Return the time in s from stop to stop in the newest pass; None before the third stop of this
-    pass.
-    """
     if book.driven is None:
         return None
     times = sorted(stop.time_s for stop in book.driven.chosen().values())[-PACE_STOPS:]

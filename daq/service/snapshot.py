@@ -1,6 +1,4 @@
-"""The state of session and links as one immutable snapshot, for the page, ``stepdiag status`` and
-systemd.
-"""
+"""The state of session and links as one snapshot, for the page, ``stepdiag status`` and systemd."""
 
 import math
 import time
@@ -99,7 +97,6 @@ def snapshot(
 
 
 def _expected_pass(session: Session, setup: str) -> int:
-    """Return the number of the pass that runs or comes next."""
     walk = session.capture.walk if session.capture is not None else None
     driven = session.book.driven
     if (
@@ -134,7 +131,7 @@ def setup_statuses(
     survey: Survey, book: PassBook, drives: Sequence[DriveStatus], running: str = ""
 ) -> tuple[SetupStatus, ...]:
     """Return the progress of each setup of the plan, with the reason to repeat a pass; ``drives``
-    are the passes that must still be driven.
+    are the passes to drive.
     """
     names = survey.plan.all_setups
     return tuple(

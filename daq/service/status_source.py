@@ -1,5 +1,5 @@
-"""The daemon's side of the page's interface (`daq.records.status.StatusSource`): the state of the
-daemon, and the operator's commands.
+"""The daemon's side of the page's interface: the state of the daemon, and the operator's
+commands.
 """
 
 import asyncio
@@ -28,8 +28,8 @@ from stepdiag.daq.timing.host_clock import now_ns
 
 _ARGUMENTS = ("setup", "operator", "workpiece", "place", "reason", "name")
 LONGEST_NAME = 200
-"""Largest number of characters of an argument of a command: a name or a reason stands in one line
-of page and log.
+"""Largest number of characters of an argument of a command, so that a name or reason fits into one
+line of page and log.
 """
 _log = structlog.get_logger("daemon")
 
@@ -44,8 +44,8 @@ async def _nothing_to_correct(_name: str) -> None:
 
 @dataclass(slots=True, kw_only=True)
 class Working:
-    """The parts of the running daemon. ``session`` records; ``shown`` is the session whose survey
-    the page shows: the finished survey, until the next survey begins.
+    """The parts of the running daemon. ``session`` records. The page shows the survey of the
+    session ``shown``: the finished survey, until the next survey begins.
     """
 
     session: Session
@@ -59,12 +59,12 @@ class Working:
     alarms: Callable[[], Sequence[Words]] = tuple
     """Returns the messages of the urgent alarms."""
     corrects: tuple[str, ...] = ()
-    """The lines of the survey file changed since the daemon read the file, if the driven passes
+    """The changed lines of the survey file since the daemon read the file, if the driven passes
     remain valid.
     """
     correct: Callable[[str], Awaitable[None]] = _nothing_to_correct
-    """Reads the logs with the changed file, on behalf of a person. Raises UsageError if the logs
-    cannot be read again now.
+    """Reads the logs with the changed file, for the person with this name. Raises UsageError if the
+    logs cannot be read again now.
     """
     waits_in_vain: Callable[[], bool] = bool
     """Returns whether the machine waits too long for the handshake."""
@@ -72,8 +72,8 @@ class Working:
 
 
 class DaemonStatusSource:
-    """Answers the requests of the page and executes the operator's commands. ``news`` is called, by
-    the daemon too, after every change that cannot wait for the next tick.
+    """Answers the requests of the page and executes the operator's commands. ``news`` is called,
+    also by the daemon, after every change that cannot wait for the next tick.
     """
 
     def __init__(self) -> None:
@@ -82,16 +82,13 @@ class DaemonStatusSource:
         self._sequence = self._published = 0
 
     def open(self, working: Working) -> None:
-        """Begin to answer the page, because the daemon is ready."""
         self._working = working
 
     def news(self) -> None:
-        """Record that the state of the daemon has changed."""
         self._sequence += 1
 
     @property
     def has_news(self) -> bool:
-        """Return whether the state has changed since the last tick."""
         return self._sequence != self._published
 
     async def publish(self) -> None:
@@ -109,7 +106,6 @@ class DaemonStatusSource:
         return self._working
 
     def phase(self) -> Phase:
-        """Return the present work of the daemon."""
         working = self._at_work
         if working.paused:
             return "paused"
@@ -140,7 +136,6 @@ class DaemonStatusSource:
         return _idle(self._at_work.session, setup)
 
     def live(self) -> LiveStatus:
-        """Return the state of a running daemon that `status` shows."""
         laser, plc, head, air = self._at_work.survey_links.statuses()
         words = {"waits_for": self.waits_for(), "message": _message(self._at_work)}
         return LiveStatus(
@@ -173,7 +168,6 @@ class DaemonStatusSource:
         )
 
     def figures(self) -> Figures:
-        """Return the daemon's counters and the measures of its load."""
         working = self._at_work
         names = ("laser", "machine", "head", "air")
         health, session = working.recorder.health, working.session
@@ -209,17 +203,11 @@ class DaemonStatusSource:
         self.news()
 
     async def _accept(self, session: Session, arguments: Mapping[str, str]) -> None:
-        """Record the operator's acceptance of the doubts at a place; the daemon handles it like an
-        acceptance entered at a terminal.
-        """
         doubts = doubts_at(session.book.doubts(), arguments.get("place", ""))
         given = {name: arguments.get(name, "") for name in ("reason", "name")}
         await asyncio.to_thread(accept, doubts, session.folder, time_s=time.time(), **given)
 
     def _certify(self, finisher: Finisher) -> None:
-        """Begin to write the certificate of the shown survey. Raises UsageError if the survey has
-        no result.
-        """
         if finisher.result is None:
             raise UsageError(
                 message("where-certificate"),
@@ -229,9 +217,6 @@ class DaemonStatusSource:
         finisher.certify(finisher.result.parent, self.news)
 
     def _take(self, working: Working) -> None:
-        """Begin to add the further setup to the survey. Raises UsageError if there is no further
-        setup, or a pass is being recorded.
-        """
         session = working.session
         if session.recording or not working.finisher.ahead.further:
             raise UsageError(
@@ -254,7 +239,6 @@ class DaemonStatusSource:
         self.news()
 
     def _order(self, name: CommandName, arguments: Mapping[str, str]) -> None:
-        """Execute a request that needs no waiting."""
         working = self._at_work
         session = working.session
         match name:
@@ -278,9 +262,6 @@ class DaemonStatusSource:
 
 
 def _logged(arguments: Mapping[str, str]) -> dict[str, str]:
-    """Return the arguments of a command as fields of the journal; the field ``name`` holds the
-    command.
-    """
     return {
         f"given_{key}" if key == "name" else key: arguments[key]
         for key in _ARGUMENTS
@@ -300,16 +281,12 @@ def found_now(session: Session) -> Message:
 
 
 def _start(working: Working) -> None:
-    """Continue after a pause, or begin the next setup of a machine without signals. Raises the
-    UsageError of `Session.begin`.
-    """
     if not working.paused and working.session.survey.plc.silent:
         working.session.begin(working.session.book.next_setup(), now_ns())
     working.paused = False
 
 
 def _name(session: Session, arguments: Mapping[str, str]) -> None:
-    """Record the names of operator and workpiece, if given."""
     for key in ("operator", "workpiece"):
         if key in arguments:
             session.round.run[key] = _one_line(key, arguments[key])
@@ -326,7 +303,6 @@ def _abort(session: Session) -> None:
 
 
 def _idle(session: Session, setup: str) -> Message:
-    """Return the event that is awaited while nothing is being recorded."""
     if session.unsolved:
         return message("waits-unsolved", why=session.unsolved)
     if session.book.wrong_line:
@@ -340,7 +316,6 @@ def _idle(session: Session, setup: str) -> Message:
 
 
 def _message(working: Working) -> Words:
-    """Return the alarms that a person must see at once."""
     return joined(
         list(
             dict.fromkeys(each for each in (*working.alarms(), _of_service(working)) if each)
@@ -349,7 +324,6 @@ def _message(working: Working) -> Words:
 
 
 def _of_service(working: Working) -> Words:
-    """Return the faults of the service itself."""
     return (
         _refused(working.recorder)
         or working.supervisor.disk
@@ -359,7 +333,6 @@ def _of_service(working: Working) -> Words:
 
 
 def _refused(recorder: Recorder) -> Words:
-    """Return the message about a disk that refuses data; empty otherwise."""
     health = recorder.health
     return message("disk-refuses", why=health.reason) if health.state == "blocked" else ""
 
@@ -376,9 +349,6 @@ def _planned(session: Session, setup: str) -> str:
 
 
 def _one_line(name: str, text: str) -> str:
-    """Return a text that fits on one line of a report. Raises UsageError for a text that is too
-    long or has control characters.
-    """
     if len(text) > LONGEST_NAME or not (text.isprintable() or not text):
         raise UsageError(
             name,

@@ -1,4 +1,4 @@
-"""Supervision of the daemon itself: its workers, its disk, its clocks, and systemd's watchdog."""
+"""Supervision of the daemon: its workers, its disk, its clocks, and systemd's watchdog."""
 
 import asyncio
 import time
@@ -13,18 +13,18 @@ from stepdiag.daq.service.notify import Notifier
 from stepdiag.daq.timing.host_clock import ClockWatch
 
 LOOK_S = 1.0
-"""Longest period of the checks in s; systemd's watchdog may need a shorter one."""
+"""Longest period of the checks in s; systemd's watchdog may need a shorter period."""
 STOOD_S = 2.0
-"""Least delay in s of a check that shows: this process, or the whole computer, stood still."""
+"""Least delay in s of a check that shows that this process, or the whole computer, stood still."""
 _log = structlog.get_logger("daemon")
 
 
 class Supervisor:
     """Feeds the watchdog while no worker is dead.
 
-    ``dead`` returns the names of dead workers, with the reason of the end if known; ``remark``
-    writes a line for a person into the open log. ``require_folder`` raises DeviceError if the
-    survey's folder is missing.
+    ``dead`` returns the names of dead workers, with the reason of the end if known. ``remark``
+    writes a line for the viewer into the open log. ``require_folder`` raises DeviceError for a
+    missing folder of the survey.
     """
 
     def __init__(
@@ -49,8 +49,8 @@ class Supervisor:
         """The message about a nearly full disk; empty while there is space."""
 
     async def watch(self) -> None:
-        """Check without end. Raises RuntimeError if a worker is dead, DeviceError if the survey's
-        folder is missing.
+        """Check without end. Raises RuntimeError for a dead worker, DeviceError for a missing
+        folder of the survey.
         """
         interval_s = min(LOOK_S, (self._notifier.watchdog_s or 2 * LOOK_S) / 2)
         while True:
@@ -65,7 +65,6 @@ class Supervisor:
             self._notifier.alive()
 
     def _look_at_disk(self) -> None:
-        """Report once, in the log and on the page, that the disk is nearly full."""
         words = words_on_disk(self._folder, self._min_free_gb * (1.1 if self.disk else 1.0))
         if words and not self.disk:
             _log.error(
@@ -76,9 +75,6 @@ class Supervisor:
         self.disk = words
 
     def _look_at_clocks(self, interval_s: float) -> None:
-        """Report a clock that was set, a sleep of the computer, and a process that stood still; the
-        open log stores the report too.
-        """
         look = self._clocks.look()
         if look.set_by_s:
             _log.warning("clock-set", by_s=round(look.set_by_s, 1))

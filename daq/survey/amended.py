@@ -1,4 +1,4 @@
-"""Puts another plan into a survey file; the operator's text around the plan stays unchanged."""
+"""Replaces the plan of a survey file; the operator's text around the plan is unchanged."""
 
 import json
 import re
@@ -21,11 +21,11 @@ _NOT_PROVED = ("[[export]]", "[head", "[proof]")
 
 
 def with_plan(text: str, plan: Plan, source: str, increments: int | None = None) -> str:
-    """Return a survey file in which ``[plan]`` has these setups, repeats, return passes, dwell and
-    shifts, and ``[volume]`` has the given ``increments``, if any; the rest is unchanged.
+    """Return a survey file in which ``[plan]`` has the setups, repeats, return passes, dwell and
+    shifts of ``plan``, and ``[volume]`` the given ``increments``. The rest is unchanged.
 
-    Raises UsageError if the survey cannot hold this plan (it lacks the head of a run), or states
-    its plan in another form.
+    Raises UsageError if the survey does not support this plan (such as a run of the head without a
+    head), or contains its plan in another form.
     """
     lines = text.splitlines(keepends=True)
     if lines and not lines[-1].endswith("\n"):
@@ -78,7 +78,7 @@ def extends(text: str, recorded: str) -> bool:
 
 def without_further(new: Survey, old: Survey) -> Survey:
     """Return the survey ``new`` without its further setups if drive and codes of the setups in
-    ``old`` are the same; else ``new`` unchanged.
+    ``old`` are the same; otherwise ``new`` unchanged.
     """
     names, before = new.plan.all_setups, old.plan.all_setups
     plan = msgspec.structs.replace(
@@ -103,10 +103,10 @@ def as_proof(
     proof: Proof,
 ) -> str:
     """Return the survey file of a proof run with this ``name`` and ``plan``; ``active`` are the
-    files loaded into the control on the ``day``.
+    files that were loaded into the control on the ``day``.
 
-    The instruments stay unchanged; exports, angles and the 4-DOF head are left out. No next setup
-    is proposed: a proof run ends with its verdict. Raises the errors of `with_plan`.
+    The instruments are unchanged; exports, angles and the 4-DOF head are left out. No next setup is
+    proposed, because a proof run ends with its verdict. Raises the errors of `with_plan`.
     """
     settings: dict[str, Mapping[str, object]] = {
         "[survey]": {"name": name},
@@ -142,9 +142,6 @@ def as_proof(
 
 
 def _stated(block: Sequence[str], values: Mapping[str, object]) -> list[str]:
-    """Return a section with these values below its header, without its earlier lines for the same
-    fields.
-    """
     kept, inside = list[str](), False
     for line in block:
         if inside:
@@ -162,7 +159,6 @@ def _stated(block: Sequence[str], values: Mapping[str, object]) -> list[str]:
 
 
 def _blocks(lines: Sequence[str]) -> list[list[str]]:
-    """Return the lines of a file in blocks; each section header begins a block."""
     blocks: list[list[str]] = [[]]
     for line in lines:
         if HEADER.match(line) and blocks[-1]:
@@ -172,9 +168,6 @@ def _blocks(lines: Sequence[str]) -> list[list[str]]:
 
 
 def _finer(block: Sequence[str], increments: int | None) -> list[str]:
-    """Return a section; in ``[volume]`` the number of increments is replaced, if one is given. A
-    remark after the number stays.
-    """
     if increments is None or block[0].strip() != VOLUME:
         return list(block)
     return [
@@ -183,9 +176,6 @@ def _finer(block: Sequence[str], increments: int | None) -> list[str]:
 
 
 def _amended(block: Sequence[str], plan: Plan) -> list[str]:
-    """Return the section of the plan with changed settings in their old lines, added settings below
-    the header, and shifted beams at the end.
-    """
     settings, made, inside = _settings(plan), list[str](), False
     for line in block:
         key = line.partition("=")[0].strip()
@@ -211,7 +201,6 @@ def _amended(block: Sequence[str], plan: Plan) -> list[str]:
 
 
 def _after_settings(block: Sequence[str]) -> list[str]:
-    """Return the remarks and empty lines after the last setting of a section."""
     settings = [
         index
         for index, line in enumerate(block)

@@ -15,14 +15,14 @@ from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.daq.survey.models import Environment, Survey, Tolerance, Uncertainty
 
 VACUUM_WAVELENGTH_NM = 633.0
-"""Wavelength in nm used for the uncertainty of the refractive index; this uncertainty hardly
-depends on the wavelength.
+"""Wavelength in nm for the uncertainty of the refractive index, which hardly depends on the
+wavelength.
 """
 
 
 def assumptions_of(survey: Survey) -> Assumptions:
-    """Return the assumptions of a survey; lengths reduced to 20 C carry the uncertainty of the
-    material's temperature.
+    """Return the assumptions of a survey. Lengths reduced to 20 C carry the uncertainty of the
+    material temperature.
     """
     machine = survey.machine
     warm = survey.environment.material_temperature_c
@@ -35,8 +35,8 @@ def assumptions_of(survey: Survey) -> Assumptions:
 
 
 def parse_uncertainty(text: str, source: str) -> Assumptions:
-    """Return the assumptions of a TOML text under ``[uncertainty]``, as in a survey file; unstated
-    assumptions have usual values.
+    """Return the assumptions under ``[uncertainty]`` of a TOML text; a missing assumption has its
+    usual value.
 
     Raises UsageError for unknown names and impossible values.
     """
@@ -49,8 +49,8 @@ def parse_uncertainty(text: str, source: str) -> Assumptions:
 
 
 def parse_tolerance(text: str, source: str) -> dict[str, float]:
-    """Return the tolerances by quantity under ``[tolerance]`` of a TOML text, as in a survey file.
-    Raises the errors of `parse_uncertainty`.
+    """Return the tolerances by quantity under ``[tolerance]`` of a TOML text. Raises the errors of
+    `parse_uncertainty`.
     """
     document = read_toml(text, source)
     if "tolerance" not in document:
@@ -60,7 +60,7 @@ def parse_tolerance(text: str, source: str) -> dict[str, float]:
 
 def _index(section: Uncertainty, environment: Environment) -> float:
     """Return the relative standard uncertainty of refractive index and wavelength, from
-    certificates if stated, else as assumed.
+    certificates or, without certificates, as assumed.
     """
     sensors = AirUncertainty(
         temperature_c=section.u_air_temperature_c,
@@ -92,7 +92,7 @@ def _stated(section: Uncertainty, environment: Environment) -> Assumptions:
         index=_index(section, environment),
         index_setup=1e-6 * section.index_setup_ppm,
         u_material_c=section.u_material_c,
-        # the usual value, which the template contains, is no statement
+        # the template contains the usual value, which is no statement
         material_stated=section.u_material_c != Assumptions().u_material_c,
         u_expansion_um_m_c=section.u_expansion_um_m_c,
         alignment_mrad=section.alignment_mrad,
@@ -101,9 +101,6 @@ def _stated(section: Uncertainty, environment: Environment) -> Assumptions:
 
 
 def _sizes(section: Uncertainty) -> dict[str, Any]:
-    """Return the sizes of the machine's errors by their names in `Assumptions`: stated in the
-    section, or usual for the machine's class.
-    """
     stated = msgspec.structs.asdict(section)
     usual = usual_sizes(section.machine_class, section.feedback)
     return {

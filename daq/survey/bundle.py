@@ -1,5 +1,5 @@
-"""The files that a survey names, stored with its logs: profiles, the tables that profiles name,
-angles, the head's calibration.
+"""The files that a survey file uses, stored with its logs: profiles, tables of profiles, angles,
+and the head's calibration.
 
 A replay must not depend on files that were changed after the recording, so the log contains these
 files.
@@ -18,7 +18,7 @@ from stepdiag.base.settings import read_toml
 from stepdiag.daq.survey.models import Survey
 
 PREFIX = "file:"
-"""Prefix of the entries for files in a log's ``stepdiag.run``."""
+"""Prefix of the entries for files in ``stepdiag.run`` of a log."""
 MAX_BUNDLE_BYTES = 32_000_000
 """Largest size in bytes of all files together: in base64 the files must fit into one record of a
 log (`daq.log.reader`).
@@ -26,8 +26,8 @@ log (`daq.log.reader`).
 
 
 def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
-    """Return the files that a survey names, by these names; a table that a profile names has the
-    name ``profile//table``.
+    """Return the files that a survey uses, by name; a table of a profile has the name
+    ``profile//table``.
 
     Raises UsageError for a file that is unreadable or too large.
     """
@@ -58,7 +58,6 @@ def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
 
 
 def tables_for(bundle: Mapping[str, bytes], profile: str) -> dict[str, bytes]:
-    """Return the tables of a profile, by their names in the profile."""
     prefix = f"{profile}//"
     return {
         name.removeprefix(prefix): data
@@ -71,7 +70,7 @@ def compensation_of(survey: Survey, bundle: Mapping[str, bytes]) -> Statement:
     """Return the survey's statement about the compensation during the measurement, with the hashes
     of the active files in ``bundle``.
 
-    Raises DataError for a bundle without a file that the survey names.
+    Raises DataError for a bundle without a file of the survey.
     """
     machine = survey.machine
     return stated(
@@ -84,7 +83,7 @@ def compensation_of(survey: Survey, bundle: Mapping[str, bytes]) -> Statement:
 
 def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
     """Return the files that were active during the measurement, by name. Raises DataError for a
-    bundle that lacks a file of the survey.
+    bundle without a file of the survey.
     """
     missing = [name for name in survey.machine.active if name not in bundle]
     if missing:
@@ -95,8 +94,8 @@ def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
-    """Return the finding ``compensation-unanswered`` if the survey does not state the active
-    compensation of the control.
+    """Return the finding ``compensation-unanswered`` if the survey file contains no statement about
+    the active compensation of the control.
     """
     if survey.machine.compensation in ("off", "on"):
         return ()
@@ -105,7 +104,6 @@ def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
 
 
 def bundle_to_run(bundle: Mapping[str, bytes]) -> dict[str, str]:
-    """Return the bundle as entries of a log's metadata."""
     return {
         f"{PREFIX}{name}": base64.b64encode(data).decode("ascii")
         for name, data in bundle.items()
@@ -113,7 +111,7 @@ def bundle_to_run(bundle: Mapping[str, bytes]) -> dict[str, str]:
 
 
 def bundle_from_run(run: Mapping[str, str], source: str) -> dict[str, bytes]:
-    """Return the bundle from a log's metadata. Raises DataError if an entry is damaged."""
+    """Return the bundle from a log's metadata. Raises DataError for a damaged entry."""
     try:
         found = {
             key.removeprefix(PREFIX): base64.b64decode(text, validate=True)
@@ -135,8 +133,8 @@ def bundle_from_run(run: Mapping[str, str], source: str) -> dict[str, bytes]:
 
 
 def _tables_of(profile: bytes) -> list[str]:
-    """Return the names of the tables in a profile. A profile that is not TOML gives none here; a
-    later check refuses it with the wrong line.
+    """Return the names of the tables in a profile; empty for a profile that is not TOML, which a
+    later check refuses with the wrong line.
     """
     try:
         machine = read_toml(as_text(profile, "profile", UsageError), "profile").get(
@@ -151,7 +149,6 @@ def _tables_of(profile: bytes) -> list[str]:
 
 
 def _refuse_too_much(bundle: Mapping[str, bytes], source: str) -> None:
-    """Raise UsageError for a bundle too large for a readable log."""
     size = sum(map(len, bundle.values()))
     if size > MAX_BUNDLE_BYTES:
         raise UsageError(
@@ -172,8 +169,8 @@ def _read_bounded(path: Path, source: str) -> bytes:
 
 
 def run_record(survey: Survey, survey_file: Path) -> dict[str, str]:
-    """Return the part of a survey that every log of this survey contains in ``stepdiag.run``:
-    whether a compensation is active, and the survey's files.
+    """Return the entries of ``stepdiag.run`` that are equal in every log of a survey: whether a
+    compensation is active, and the survey's files.
     """
     bundle = read_bundle(survey_file, survey)
     return {"compensation": compensation_of(survey, bundle).words(), **bundle_to_run(bundle)}

@@ -1,6 +1,4 @@
-"""The template of the survey file, filled with the answers for a first survey; all other lines stay
-unchanged.
-"""
+"""The template of the survey file with the answers for a first survey."""
 
 import json
 import re
@@ -24,14 +22,14 @@ _ADVISED = (
 LEAST, USUAL, MOST = 8, 10, 20
 """Least, usual and largest number of increments in a new survey."""
 _ROUNDING_MM = 1e-6
-"""Difference in mm from whole micrometres that comes from rounding."""
+"""Largest difference in mm from whole micrometres that rounding can cause."""
 _SILENT = 'transport = "none"\n'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MachineClass:
-    """The class of a machine for ``[uncertainty]``: an entry of `CLASSES`, the machine's feedback
-    from `FEEDBACKS`, and the pitch of the screws in mm.
+    """The class of a machine for ``[uncertainty]``: a key of `CLASSES`, the machine's feedback from
+    `FEEDBACKS`, and the pitch of the screws in mm.
     """
 
     name: str = "ordinary"
@@ -39,7 +37,6 @@ class MachineClass:
     pitch_mm: float = 10.0
 
     def settings(self) -> list[tuple[str, str, str]]:
-        """Return section, key and TOML value of each setting that a class of machine states."""
         return [
             ("uncertainty", "machine_class", _quoted(self.name)),
             ("uncertainty", "feedback", _quoted(self.feedback)),
@@ -95,7 +92,7 @@ def begun(usual: MachineClass, source: str) -> str:
 
 
 def _advised() -> str:
-    """Return the template with the settings recommended for a new survey: another order of axes for
+    """Return the template with the recommended settings for a new survey: another order of axes for
     each repeat, and separate targets of linear runs, which show the waves of a screw.
     """
     text = template()
@@ -105,10 +102,10 @@ def _advised() -> str:
 
 
 def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
-    """Return a number of increments whose steps are whole micrometres, as NC programs state steps,
-    and are not in step with the pitch of a screw (`in_step`). If there is no such number, the
-    number with the fewest axes in step is returned; whole turns are worse than half turns. Of
-    several such numbers, the one nearest to `USUAL` is returned.
+    """Return a number of increments with steps in whole micrometres, because NC programs write
+    whole micrometres, and without a step of whole or half turns of a screw (`in_step`). If there is
+    no such number, return the number with the fewest steps of whole or half turns; whole turns are
+    worse than half turns. Of several such numbers, return the number nearest to `USUAL`.
     """
     size = list(size_mm)
     whole = [
@@ -167,7 +164,6 @@ def _settings(answers: Answers) -> list[tuple[str, str, str]]:
 
 
 def _set(text: str, section: str, key: str, value: str) -> str:
-    """Return the template with one setting of a section changed."""
     pattern = re.compile(rf"(^\[{section}\]\n(?:(?!\[).*\n)*?){key} = .*\n", re.MULTILINE)
     changed, count = pattern.subn(lambda found: f"{found[1]}{key} = {value}\n", text, count=1)
     if count != 1:

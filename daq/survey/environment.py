@@ -10,10 +10,10 @@ NAMES = (*AIR, "material_temperature_c")
 
 
 def parse_environment(text: str, source: str) -> dict[str, float]:
-    """Return the conditions in a TOML text by name, with the header ``[environment]`` of a survey
-    file or without a header.
+    """Return the conditions in a TOML text by name, with or without the header ``[environment]`` of
+    a survey file.
 
-    A condition that the text does not name stays as recorded. Raises UsageError for unknown names,
+    A condition that is missing in the text is unchanged. Raises UsageError for unknown names,
     impossible values, or an empty text.
     """
     document = read_toml(text, source)

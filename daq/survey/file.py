@@ -1,9 +1,7 @@
 """The survey file (TOML): all settings of a survey, read once and never changed.
 
-`load_survey` reads a file, and `parse_survey` a text, such as the attachment of a log.
-
-The sections are structs of `daq.survey.models`; the commented file is
-`daq.survey.template.template`.
+The sections are structs of `daq.survey.models`; `daq.survey.template.template` is the commented
+file.
 """
 
 from pathlib import Path
@@ -30,7 +28,7 @@ __all__ = [
 def load_survey(path: Path) -> Survey:
     """Return the survey of a file.
 
-    Raises UsageError if the file is unreadable, is not TOML in UTF-8, breaks a rule, or names a
+    Raises UsageError if the file is unreadable, is not TOML in UTF-8, breaks a rule, or requires a
     missing file. Raises DataError if the calibration file belongs to another head.
     """
     survey = parse_survey(read_text(path), str(path.name))
@@ -60,14 +58,14 @@ def load_survey(path: Path) -> Survey:
 
 
 def parse_survey(text: str, source: str) -> Survey:
-    """Return the survey that ``text`` describes; error messages (UsageError) name ``source``."""
+    """Return the survey of ``text``; messages of UsageError contain ``source``."""
     survey = convert(read_toml(text, source), Survey, source)
     check(survey, source)
     return survey
 
 
 def read_text(path: Path) -> str:
-    """Return the unchanged text of a survey file, as the log stores it."""
+    """Return the unchanged text of a survey file."""
     remedy = message("init-writes-one")
     data = read_bytes(
         path,

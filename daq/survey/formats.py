@@ -40,7 +40,6 @@ wireless sensors of a Lasertex.
 
 
 def laser_decoder(survey: Survey) -> Decoder:
-    """Return a new decoder of the laser's stream."""
     return make_decoder(
         survey.laser.format,
         laser_settings(survey.laser, air=survey.environment.source == "laser"),
@@ -48,24 +47,20 @@ def laser_decoder(survey: Survey) -> Decoder:
 
 
 def repeats_after(survey: Survey) -> float:
-    """Return the number of values of the laser's own sample number before it repeats; 0 for a laser
-    without such a number.
+    """Return the number of values of the laser's sample number before the number repeats; 0 for a
+    laser without a sample number.
     """
     decoder = laser_decoder(survey)
     return decoder.repeats_after if isinstance(decoder, CountingDecoder) else 0.0
 
 
 def head_decoder(survey: Survey) -> Decoder:
-    """Return a new decoder of the 4-DOF head's stream, for a survey with a head."""
     if survey.head is None:
         raise ValueError("a survey without [head] has no stream of a head")
     return make_decoder(survey.head.format, head_settings(survey.head))
 
 
 def air_decoder(survey: Survey) -> Decoder:
-    """Return a new decoder of the stream of the sensor of air and material, for a survey with a
-    sensor.
-    """
     if survey.air_sensor is None:
         raise ValueError("a survey without [environment.sensor] has no stream of one")
     return make_decoder(survey.air_sensor.format, air_settings(survey.air_sensor))
@@ -82,8 +77,8 @@ def decoders(survey: Survey) -> dict[Stream, Decoder]:
 
 
 def laser_settings(laser: Laser, *, air: bool = False) -> FormatSettings:
-    """Return the settings of the laser's format; the section of the format must exist. ``air``: the
-    air is read too.
+    """Return the settings of the laser's format, whose section must exist. ``air``: the air is
+    read, too.
     """
     common: dict[str, Any] = {"sign": laser.sign, "latency_s": laser.latency_s}
     if laser.format == "ids3010":
@@ -142,7 +137,6 @@ def _frames(laser: Laser, frames: FramesSection) -> FramesSettings:
 
 
 def head_settings(head: Head) -> FormatSettings:
-    """Return the settings of the format of the 4-DOF head's stream."""
     if head.format == "tqd":
         tqd = head.tqd
         return TqdSettings(
@@ -164,8 +158,8 @@ def head_settings(head: Head) -> FormatSettings:
 
 
 def promised(survey: Survey) -> tuple[str, ...]:
-    """Return the conditions that the survey takes from a sensor or the laser: the quantities in the
-    sensor's pattern, or those of the kind of laser, without conditions from the machine.
+    """Return the conditions that the survey takes from a sensor or the laser, without conditions
+    from the machine.
     """
     if survey.air_sensor is not None:
         return quantities_in(air_pattern(survey.air_sensor))
@@ -179,7 +173,6 @@ def promised(survey: Survey) -> tuple[str, ...]:
 
 
 def air_pattern(sensor: AirSensor) -> str:
-    """Return the pattern of the sensor's lines."""
     return sensor.pattern or (PTU300 if sensor.format == "ptu300" else "")
 
 
@@ -199,9 +192,6 @@ def air_settings(sensor: AirSensor) -> AirSettings:
 
 
 def _angles(head: Head) -> AnglesSettings:
-    """Return the settings of an autocollimator, which sends a stream, or of a level, which answers
-    requests.
-    """
     section, elcomat = head.angles, head.format == "elcomat"
     return AnglesSettings(
         pattern=section.pattern or (ELCOMAT if elcomat else WYLER),

@@ -1,9 +1,9 @@
 """The calibration file of a 4-DOF head (TOML): identity of the head, date, curves, signs, lever,
 and their uncertainties.
 
-The file travels with the logs (`daq.survey.bundle`). The file of another head is refused, because
-the curves would give plausible but wrong numbers. A field is absent until a command has measured
-it; `require_measured` names the next command.
+The logs contain the file (`daq.survey.bundle`). The file of another head is refused, because its
+curves would give plausible but wrong numbers. A field is absent until a command has measured it;
+`require_measured` reports the command to run next.
 """
 
 import datetime as dt
@@ -50,7 +50,8 @@ QD_CALIBRATED = ("qd.x", "qd.y")
 
 class AxisTable(msgspec.Struct, frozen=True, kw_only=True):
     """One axis of a detector: its sign and the curve from the normalised reading to the shift of
-    the spot."""
+    the spot.
+    """
 
     sign: Literal[1, -1] = 1
     kind: Literal["polynomial", "erf"] = "polynomial"
@@ -76,8 +77,8 @@ class DetectorTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LightTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The sums of QD, PSD1 and PSD2 under the same light, and the relative difference of a sum from
-    the other sums above which its spot counts as clipped.
+    """The sums of QD, PSD1 and PSD2 under the same light, and the limit of a clipped spot: the
+    relative difference of its sum from the other sums.
     """
 
     sums: tuple[Positive, Positive, Positive]
@@ -88,8 +89,8 @@ class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
     """The lever of a head is ``dead_path_mm + scale * distance``; the distance is from the head's
     reference face to the target.
 
-    The lever's standard uncertainty is ``u_mm`` at the distance ``u_at_mm``; at other distances the
-    uncertainty of the scale (``u_scale``) is added.
+    ``u_mm`` is the standard uncertainty of the lever at the distance ``u_at_mm``; at other
+    distances the uncertainty of the scale (``u_scale``) is added.
     """
 
     dead_path_mm: float = 0.0
@@ -100,7 +101,8 @@ class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
 
     def u_at(self, distance_mm: Vector) -> Vector:
         """Return the lever's standard uncertainty in mm at each distance, shape like
-        ``distance_mm``."""
+        ``distance_mm``.
+        """
         u: Vector = np.hypot(self.u_mm, self.u_scale * (distance_mm - self.u_at_mm))
         return u
 
@@ -118,8 +120,6 @@ class CrosstalkTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True):
-    """The method that measured a field, and the day of the measurement."""
-
     by: Text
     on: Day
 
@@ -157,8 +157,8 @@ class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole calibration file. A file of version 1 does not state methods, and its missing
-    fields, other than curves, count as ideal.
+    """The whole calibration file. A file of version 1 contains no methods, and its missing fields,
+    except curves, count as ideal.
     """
 
     head: HeadIdentity
@@ -183,7 +183,6 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
     def with_axis(
         self, detector: DetectorName, axis: AxisName, table: AxisTable
     ) -> "HeadFile":
-        """Return the calibration file with a new table for one axis of a detector."""
         changed = msgspec.structs.replace(self.detector(detector), **{axis: table})
         return msgspec.structs.replace(self, **{detector: changed})
 
@@ -207,8 +206,8 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def require_measured(file: HeadFile, source: str) -> None:
-    """Raise DataError if a field that the head needs is not measured; the error names these fields
-    and the next command.
+    """Raise DataError if a field that the head needs is not measured; the error contains these
+    fields and the next command.
     """
     needed = QD_CALIBRATED if file.head.format == "tqd" else CALIBRATED
     if absent := file.absent(needed):
@@ -227,7 +226,7 @@ def _entry_at(tables: object, name: str) -> object:
 
 
 def parse_head_file(data: bytes, source: str) -> HeadFile:
-    """Return the calibration file in ``data``. Raises UsageError that names the wrong field."""
+    """Return the calibration file in ``data``. Raises UsageError with the wrong field."""
     file = convert(read_toml(as_text(data, source, UsageError), source), HeadFile, source)
     _check_date(file.head.date, f"{source}: head.date")
     for name, measured in file.measured.items():
@@ -260,9 +259,6 @@ def _check_date(day: str, where: str) -> None:
 
 
 def _check_uncertainty(table: UncertaintyTable, where: str) -> None:
-    """Raise UsageError unless uncertainties and correlations belong to the fields and form a
-    covariance matrix.
-    """
     count = len(table.of)
     for field, values, needed in (
         ("u", table.u, count),
@@ -277,7 +273,7 @@ def _check_uncertainty(table: UncertaintyTable, where: str) -> None:
 
 
 def require_owner(file: HeadFile, section: HeadSection, source: str) -> None:
-    """Raise DataError unless the file belongs to the head that the survey names."""
+    """Raise DataError if the file belongs to another head than the head of the survey."""
     for field, of_file, of_survey in (
         ("id", file.head.id, section.id),
         ("format", file.head.format, section.format),

@@ -1,8 +1,8 @@
 """The survey file as structs, one per section. The name of a field contains its unit, and the type
 its limits.
 
-`daq.survey.template`, the commented file of ``stepdiag init``, gives the meaning of every field.
-`daq.survey.rules` checks rules about more than one field.
+`daq.survey.template` describes every field. `daq.survey.rules` checks rules about more than one
+field.
 """
 
 from collections.abc import Mapping
@@ -31,8 +31,8 @@ Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Assumed = Annotated[float, Meta(ge=0, le=10_000)]
 Stated = Annotated[float, Meta(gt=0, le=10_000)]
-"""Types of stated sizes in um, urad, C or similar units, with limits: no machine has errors above
-ten millimetres, and sums of lengths above a hundred metres are not exact.
+"""Types of sizes in um, urad, C or similar units, with limits: no machine has errors above ten
+millimetres, and sums of lengths above a hundred metres are not exact.
 """
 Fraction = Annotated[float, Meta(ge=0, lt=1)]
 Text = Annotated[str, Meta(min_length=1)]
@@ -57,7 +57,7 @@ FileName = Annotated[
         description="name-safe-as-folder",
     ),
 ]
-"""A name that is allowed for a folder on every file system."""
+"""A name that every file system accepts for a folder."""
 HostName = Annotated[
     str,
     Meta(
@@ -115,8 +115,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def offsets_mm(self) -> dict[str, Triple]:
-        """Return, by name, the offset in mm of each shifted setup from the usual line; setups along
-        the same travel are named ``ppp+1``, ``ppp+2`` in order.
+        """Return the offset in mm of each shifted setup from the usual line, by name; setups along
+        the same travel have the names ``ppp+1``, ``ppp+2`` in order.
         """
         named: dict[str, Triple] = {}
         seen: dict[str, int] = {}
@@ -138,8 +138,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def passes_per_setup(self) -> int:
-        """Return the number of passes of a setup: for each repeat an outward and, if requested, a
-        return pass.
+        """Return the number of passes of a setup: for each repeat an outward pass and, if
+        requested, a return pass.
         """
         return self.repeats * (2 if self.return_pass else 1)
 
@@ -150,8 +150,8 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     apply_expansion: bool = False
     laser_on: Literal["table", "spindle"] = "table"
     compensation: Literal["off", "on", "?"] | None = None
-    """State of the control's compensation. None in a file that is older than this question; ``"?"``
-    if the question is not answered.
+    """State of the control's compensation. None in a file that is older than this field; ``"?"`` if
+    the question is not answered.
     """
     active: tuple[BesideFile, ...] = ()
     active_date: date | None = None
@@ -159,8 +159,6 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SerialSection(msgspec.Struct, frozen=True, kw_only=True):
-    """The settings of a serial port that a person chooses."""
-
     port: Text
     baud: Annotated[int, Meta(ge=50, le=4_000_000)] = 115200
     bytesize: Literal[7, 8] = 8
@@ -283,8 +281,6 @@ MachineDirection = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
 class HeadRun(msgspec.Struct, frozen=True, kw_only=True):
-    """The attitude of the head for a run along an axis."""
-
     beam: MachineDirection
     detector_x: MachineDirection
     detector_y: MachineDirection
@@ -313,7 +309,6 @@ class Head(SerialSection, frozen=True, kw_only=True):
         return self.format in ("elcomat", "wyler")
 
     def run_along(self, axis: str) -> HeadRun:
-        """Return the mounting of the head for a run along ``axis`` (x, y, z)."""
         return {"x": self.x, "y": self.y, "z": self.z}[axis]
 
 
@@ -348,15 +343,13 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def silent(self) -> bool:
         """Return whether the machine has no signals. The operator then begins each pass, and the
-        laser's plateaus place and name the stops.
+        laser's plateaus identify the stops.
         """
         return self.transport == "none"
 
     @property
     def tcp_port(self) -> int:
-        """Return the TCP port of the control; without one in the file, the usual port of the
-        protocol.
-        """
+        """Return the TCP port of the control, from the file or the usual port of the protocol."""
         return self.port or _PORTS.get(self.transport, 502)
 
     @property
@@ -382,7 +375,6 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def parsed(self, source: str = "survey") -> Mapping[str, Expression]:
-        """Return the parsed expressions by signal. Raises the errors of `expression`."""
         return {name: self.expression(name, source) for name in self.expressions}
 
     def expression(self, name: str, source: str) -> Expression:
@@ -398,9 +390,7 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def place(self, name: str) -> str:
-        """Return the source of a signal in its written form: ``holding 2 bit 0``, or its
-        expression.
-        """
+        """Return the source of a signal as text: ``holding 2 bit 0``, or its expression."""
         return (
             self.expressions[name]
             if name in self.expressions
@@ -425,8 +415,6 @@ class StopRules(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AirSensor(SerialSection, frozen=True, kw_only=True):
-    """The settings of a separate sensor of air and material."""
-
     format: Literal["ptu300", "line"] = "line"
     pattern: str = ""
     temperature_unit: Literal["C", "F", "K"] = "C"
@@ -452,17 +440,17 @@ class Solver(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The user's assumptions (k = 1 unless a range or a limit is named);
-    `stepdiag.base.conditions.assumptions` gives their meaning.
+    """The user's assumptions with k = 1, except ranges and limits;
+    `stepdiag.base.conditions.assumptions` describes each of them.
 
-    If the size of an error of the machine is None, the usual value for ``machine_class`` and
-    ``feedback`` is used.
+    A size None of an error of the machine means the usual value for ``machine_class`` and
+    ``feedback``.
     """
 
     machine_class: Literal["good", "ordinary", "poor"] = "ordinary"
     feedback: Literal["screw", "scale"] = "screw"
     pitch_mm: Stated | None = None
-    """Pitch of the screws in mm; None if the file does not state the pitch."""
+    """Pitch of the screws in mm; None if the file contains no pitch."""
     angles_urad: Assumed | None = None
     drift_um: Assumed | None = None
     wander_um: Assumed | None = None
@@ -487,8 +475,8 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The largest allowed errors; None or a missing entry means that no limit is stated.
-    `stepdiag.base.conformity` gives their meaning.
+    """The largest allowed errors; None or a missing entry means no limit.
+    `stepdiag.base.conformity` describes each of them.
     """
 
     volumetric_rms_um: Stated | None = None
@@ -500,7 +488,7 @@ class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     functions_urad: dict[Rotation, Stated] = {}
 
     def by_quantity(self) -> dict[str, float]:
-        """Return the stated tolerances by quantity; error functions have their symbols as names."""
+        """Return the tolerances by quantity; error functions have their symbols as names."""
         single = {
             name: value
             for name, value in msgspec.structs.asdict(self).items()
@@ -523,7 +511,7 @@ class Export(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Proof(msgspec.Struct, frozen=True, kw_only=True):
-    """The claims that a proof run tests; `Machine.active` names the loaded files. ``profile`` is
+    """The claims that a proof run tests; `Machine.active` lists the loaded files. ``profile`` is
     empty if the export used no profile.
     """
 
@@ -538,7 +526,7 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
     host: Text = "127.0.0.1"
     port: Port = 8420
     token: str = ""
-    """Token of the page, only in logs of older versions; a survey file with a token is refused,
+    """Token of the page, only in logs of older versions. A survey file with a token is refused,
     because every log would contain the token.
     """
     token_file: str = ""
@@ -573,8 +561,8 @@ class Metrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Survey(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole survey file. The field ``identity`` holds ``[survey]``, ``box`` holds ``[volume]``,
-    ``exports`` holds ``[[export]]``.
+    """The whole survey file. The field ``identity`` is the section ``[survey]``, ``box`` is
+    ``[volume]``, ``exports`` is ``[[export]]``.
     """
 
     identity: Identity = msgspec.field(name="survey")
@@ -598,7 +586,6 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def volume(self) -> Volume:
-        """Return the volume in the solver's form."""
         return Volume(
             origin_mm=self.box.origin_mm,
             size_mm=self.box.size_mm,
@@ -607,12 +594,11 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def air_sensor(self) -> AirSensor | None:
-        """Return the separate sensor of air and material, if the survey uses one."""
         return self.environment.sensor if self.environment.source == "sensor" else None
 
     @property
     def planned(self) -> runs.Plan:
-        """Return the plan in the form that planner, NC programs and recording use."""
+        """Return the plan in the form for planner, NC programs and recording."""
         plan, offsets = self.plan, self.plan.offsets_mm
         return runs.Plan(
             volume=self.volume,
@@ -636,11 +622,10 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def axis_order(self) -> str:
-        """Return the order in which the axes move within a step."""
         return self.box.axis_order
 
     def folder(self, survey_file: Path) -> Path:
-        """Return the folder of the logs and results of this survey: ``<directory>/<name>``,
-        relative to the survey file.
+        """Return the folder of the survey's logs and results: ``<directory>/<name>``, relative to
+        the survey file.
         """
         return survey_file.parent / self.identity.directory / self.identity.name

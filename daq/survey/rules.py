@@ -39,7 +39,7 @@ _ORDERS = {"s7": "ABCD", "lsv2": "DCBA"}
 _MAPS = {"s7": message("map-of-s7"), "lsv2": message("map-of-lsv2")}
 LONGEST_PATH, LONGEST_NAME = 2000, 255
 """Largest lengths in bytes of a folder's path and of its name: the limits of kernel and file
-systems (PATH_MAX 4096, NAME_MAX 255), with space for names inside the folder.
+systems (PATH_MAX 4096, NAME_MAX 255) minus space for names inside the folder.
 """
 MOST_SHOWN = 100
 _TELL_AIR = ("ids3010", "lasertex")
@@ -118,7 +118,6 @@ def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _shifted_lines(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Check the setups whose line is shifted from the usual line."""
     for index, offset in enumerate(survey.plan.beam_offset):
         if not any(offset.offset_mm):
             field = f"plan.beam_offset[{index}].offset_mm"
@@ -145,7 +144,6 @@ def _shifted_lines(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
-    """Check the rotations that the survey file states for an autocollimator or a level in a run."""
     axis = setup_of(setup).axis
     own = "ABC"[AXES.index(axis)]
     turns = head.angles.turns(axis)
@@ -242,9 +240,6 @@ def _laser(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _settings(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Yield the errors that the settings of the formats raise, with the names of fields in the
-    file.
-    """
     try:
         laser_settings(survey.laser)
     except UsageError as refusal:
@@ -430,7 +425,6 @@ def _places(plc: Plc, source: str) -> Iterator[UsageError]:
 
 
 def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
-    """Yield the errors of settings that need signals, for a machine without signals."""
     plc, none = survey.plc, message("nothing-without-transport")
     for field, entries in (
         ("signals", plc.own_signals),
@@ -511,7 +505,6 @@ def _signal(name: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
 
 
 def _signal_place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
-    """Check the place and the type of a signal or an input."""
     if spec.in_bit_table and spec.type != "bit":
         yield refuse(
             source, f"{field}.type", message("bit-table", table=spec.table), spec.type
@@ -532,9 +525,6 @@ def _signal_place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageEr
 
 
 def _reachable(field: str, spec: SignalSpec, plc: Plc, source: str) -> Iterator[UsageError]:
-    """Check whether the control's protocol reaches the table of a signal, and whether the control
-    has the type of its number.
-    """
     wanted, words = _TABLES[plc.transport]
     if not wanted.match(spec.table):
         yield refuse(source, f"{field}.table", words, spec.table)
@@ -571,7 +561,6 @@ def _one_telegram(plc: Plc, source: str) -> Iterator[UsageError]:
 
 
 def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
-    """Check that signals share a register only as different bits."""
     names = list(signals)
     for index, name in enumerate(names):
         for other in names[:index]:
@@ -661,7 +650,7 @@ def _line_time(plc: Plc, source: str) -> Iterator[UsageError]:
 
 
 def least_dwell_s(survey: Survey) -> float:
-    """Return the shortest possible dwell in s: a standstill is certain only between its first and
+    """Return the shortest possible dwell in s. A standstill is certain only between its first and
     its last poll, so that dwell > settle + window + 2 polls (instruments.md 4.2).
     """
     return survey.stop.settle_s + survey.stop.min_window_s + 2.0 / survey.plc.poll_hz

@@ -1,6 +1,5 @@
-"""The commented survey file that ``stepdiag init`` writes.
-
-The text is a file of its own beside this module, so that a person can read it.
+"""The commented survey file that ``stepdiag init`` writes, from the text file beside this
+module.
 """
 
 from importlib.resources import files

@@ -1,9 +1,9 @@
-"""The clock of this computer that gives every stamp, and the time of day beside it.
+"""The host's clock, which gives every time stamp, and the time of day.
 
-Stamps are CLOCK_BOOTTIME: nothing sets this clock, and unlike CLOCK_MONOTONIC this clock continues
+A stamp is CLOCK_BOOTTIME: nothing sets this clock, and unlike CLOCK_MONOTONIC this clock continues
 while the computer sleeps (clock_gettime(2)). So a sleep of the computer and a stopped process leave
-the same trace in a log: a time without samples. A log holds the time of day as an offset beside the
-stamps, never in the stamps.
+the same trace in a log: a time without samples. A log contains the time of day as an offset beside
+the stamps, never in the stamps.
 """
 
 import time
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 LOOKS = 5
 """Number of attempts to read the host's clock and the time of day together. The quickest attempt is
-used: the others may have been delayed between the two readings.
+used, because a slow attempt was delayed between the two readings.
 """
 STEP_S = 0.5
-"""Least difference in s between the advances of the time of day and of the host's clock that shows
-that the time of day was set. A time server changes the time of day far more slowly.
+"""Least difference in s between the advance of the time of day and the advance of the host's clock
+that shows a set time of day. A time server changes the time of day far more slowly.
 """
 
 
@@ -25,8 +25,8 @@ def now_ns() -> int:
 
 
 def stamp_ns() -> int:
-    """Return the time of the host's clock in ns, cut to whole microseconds, the precision of
-    recorded arrival times.
+    """Return the time of the host's clock in ns, rounded down to whole microseconds, the precision
+    of recorded arrival times.
     """
     return now_ns() // 1_000 * 1_000
 
@@ -41,7 +41,7 @@ def wall_offset_ns() -> int:
 @dataclass(frozen=True, slots=True)
 class Look:
     """Changes in s between two readings of the host's clocks: the change of the time of day (0: not
-    set), the time between the readings, and the computer's sleep in this time.
+    set), the time between the readings, and the sleep of the computer.
     """
 
     set_by_s: float
@@ -50,15 +50,13 @@ class Look:
 
 
 class ClockWatch:
-    """Compares the two clocks of the host at intervals."""
-
     def __init__(self) -> None:
         self._seen_ns = now_ns()
         self._offset_ns = wall_offset_ns()
         self._asleep_ns = _asleep_ns()
 
     def look(self) -> Look:
-        """Return the change of the time of day, and the computer's sleep, since the last call."""
+        """Return the changes since the last call."""
         seen_ns, offset_ns, asleep_ns = now_ns(), wall_offset_ns(), _asleep_ns()
         moved_s = (offset_ns - self._offset_ns) * 1e-9
         look = Look(

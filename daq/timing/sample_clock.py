@@ -1,10 +1,10 @@
 """From arrival times to sample times.
 
-An instrument's samples are evenly spaced; their arrival is not. Every arrival is the time of the
-sample plus a delay that is never below some minimum. So the line under all points (counter,
-arrival) is the instrument's own clock, late by that minimum delay. A least-squares line would be
-late by the mean delay, which behind a 16 ms USB timer is ten milliseconds. The line touches the
-lower convex hull of the points (Graham scan) at the mean counter.
+The samples of an instrument are evenly spaced; their arrivals are not. An arrival is the time of
+the sample plus a delay with a fixed minimum. So the line below all points (counter, arrival) is the
+clock of the instrument, late by the minimum delay. A least-squares line would be late by the mean
+delay, which is ten milliseconds behind a 16 ms USB timer. The line touches the lower convex hull of
+the points (Graham scan) at the mean counter.
 """
 
 from collections import deque
@@ -14,22 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 BIN_NS = 250_000_000
-"""Of the arrivals in every quarter of a second, only the least delayed is kept as a point."""
+"""Interval in ns in which only the arrival with the least delay is stored as a point."""
 MEMORY_BINS = 480
-"""The points of two minutes are kept: long compared with the jitter, short compared with the
+"""Number of stored points, two minutes: long compared with the jitter, short compared with the
 thermal drift of a quartz.
 """
 FREE_SLOPE_SPAN_NS = 10_000_000_000
-"""If the points span less than ten seconds, the rate from the instrument is more accurate than the
-slope of the points.
+"""Least span of the points in ns for a measured rate: over a shorter span the rate from the
+instrument is more accurate than the slope of the points.
 """
 WRONG_RATE_NS, WRONG_RATE_SHARE = 500_000_000, 0.2
-"""No delay is as long as this time (ns), and no quartz is off by this share: a stated rate that the
-arrivals contradict by more is not the instrument's rate.
+"""Largest possible delay (ns) and largest possible error of a quartz (share): a rate that the
+arrivals contradict by more than both is not the rate of the instrument.
 """
 SKIP_BINS = 8
-"""Number of newest points, two seconds, that show a skip: if all are late by most of a sample
-period, samples were skipped without notice; jitter is not the reason.
+"""Number of newest points (two seconds) that show a skip: if all these points are late by most of a
+sample period, samples were skipped without notice. Jitter does not delay all points.
 """
 
 
@@ -42,8 +42,7 @@ class Line:
     period_ns: float
 
     def at(self, counter: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the times of samples in nanoseconds of the host's monotonic clock, shape like
-        ``counter``."""
+        """Return the times of samples in ns of the host's clock, shape like ``counter``."""
         times: NDArray[np.float64] = self.origin_ns + self.period_ns * (
             counter - self.origin_counter
         ).astype(np.float64)
@@ -79,10 +78,10 @@ class SampleClock:
     """The clock of one segment of a stream. A segment has no gap of unknown length and no change of
     rate.
 
-    ``rate_hz`` is the rate by the instrument or its data sheet (None: unknown), used while the
-    arrivals do not contradict it; ``latency_s`` is the known delay inside the instrument;
-    ``gaps_visible``: the instrument's counter counts lost samples too. Otherwise the clock detects
-    samples that were skipped without notice.
+    ``rate_hz`` is the rate from the instrument or its data sheet (None: unknown); the rate is used
+    while the arrivals do not contradict it. ``latency_s`` is the known delay inside the instrument.
+    ``gaps_visible`` means that the counter of the instrument also counts lost samples; if False,
+    the clock detects samples that were skipped without notice.
     """
 
     def __init__(
@@ -119,13 +118,14 @@ class SampleClock:
         return self.line().at(counter)
 
     def line(self) -> Line:
-        """Return the line under the stored points."""
         if self._line is None:
             self._line = self._fit(list(self._points))
         return self._line
 
     def _delay(self, counter: int, arrival_ns: int) -> float:
-        """Return the delay of an arrival in ns, up to a constant common to all arrivals."""
+        """Return the delay of an arrival in ns, up to a constant that is the same for all
+        arrivals.
+        """
         first_counter, first_ns = self._points[0]
         return (arrival_ns - first_ns) - self._period() * (counter - first_counter)
 
@@ -151,11 +151,10 @@ class SampleClock:
         return Line(origin_counter, origin_ns + offset - self._latency_ns, slope)
 
     def _skipped(self) -> bool:
-        """Return whether the points of the last two seconds are all late by most of a sample, and
-        in this case keep only these points.
+        """Return whether the points of the last two seconds are all late by most of a sample
+        period; if so, discard the earlier points.
 
-        An instrument that drops a sample without counting makes every later sample late by one
-        period.
+        An instrument that drops a sample without counting delays every later sample by one period.
         """
         if self._gaps_visible or self._period_ns is None or len(self._points) < 3 * SKIP_BINS:
             return False

@@ -1,7 +1,6 @@
-"""The output of every wire format: samples in columns, and remarks about the stream.
+"""Samples in columns, and remarks about the stream: the output of every wire format.
 
-Samples are columns, not objects: decoders process blocks of lines, and the synchroniser processes
-arrays, so that one processor core suffices for a hundred thousand samples a second.
+Because of the columns, one processor core can process a hundred thousand samples a second.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,11 +41,11 @@ class Flag(IntFlag):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Notice:
-    """A remark of the stream at sample ``index`` of its batch (the sample that follows the remark).
+    """A remark of the stream before sample ``index`` of its batch.
 
     ``value`` depends on the code: the number of missing samples for ``gap``, the rate in Hz for
-    ``rate``. ``name`` is the name of the condition in an ``environment`` notice. ``why`` is a
-    message, or the instrument's own text.
+    ``rate``. ``name`` is the quantity of an ``environment`` notice. ``why`` is a message, or a text
+    from the instrument.
     """
 
     code: NoticeCode
@@ -58,14 +57,14 @@ class Notice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Samples:
-    """A batch of samples, a row each; every column has shape (count,).
+    """A batch of samples, one per row; every column has shape (count,).
 
-    ``counter`` is the instrument's own count, unwrapped, so that differences are sample periods. A
-    polled instrument has no counter: the host numbers the answers. ``position_mm`` grows as
-    configured by the laser's sign and is NaN for a missing position. ``beam`` is the signal
-    strength from 0 to 1, NaN where unknown. ``flags`` holds `Flag` bits. ``arrival_ns`` is the
-    arrival stamp of the chunk that completed the sample. ``channels`` holds the values of a 4-DOF
-    head, shape (count, k).
+    ``counter`` is the count of the instrument, unwrapped, so that differences are sample periods;
+    for a polled instrument the host counts the answers. ``position_mm`` increases in the direction
+    of the laser's configured sign and is NaN for a missing position. ``beam`` is the signal
+    strength from 0 to 1, NaN if unknown. ``flags`` are `Flag` bits. ``arrival_ns`` is the arrival
+    time of the chunk that completed the sample. ``channels`` are the values of a 4-DOF head, shape
+    (count, k).
     """
 
     counter: NDArray[np.int64]
@@ -80,7 +79,7 @@ class Samples:
         return len(self.counter)
 
     def after(self, count: int) -> "Samples":
-        """Return the samples without the first ``count`` of them, and without remarks."""
+        """Return the batch without its first ``count`` samples and without remarks."""
         return Samples(
             counter=self.counter[count:],
             position_mm=self.position_mm[count:],
@@ -92,60 +91,53 @@ class Samples:
 
 
 class Decoder(Protocol):
-    """Decodes the bytes of one stream. The division of the bytes into chunks does not change the
-    samples, only their arrival stamps.
+    """Decodes the bytes of one stream. The division of the bytes into chunks changes only the
+    arrival times of the samples.
     """
 
     nominal_rate_hz: float | None
-    """The sample rate in Hz last reported by the instrument, or from the data sheet; None if
-    unknown.
-    """
+    """The last sample rate in Hz from the instrument or its data sheet; None if unknown."""
     gaps_visible: bool
     """Whether a lost sample leaves a gap in the counter."""
     latency_s: float
-    """Known delay inside the instrument: subtracted from sample times."""
+    """Known delay inside the instrument in s, which is subtracted from sample times."""
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the samples that ``chunk`` completes. Never raises on the content of the bytes:
-        garbage is a notice."""
+        """Return the samples that ``chunk`` completes. The content of the bytes never raises an
+        exception: invalid bytes are a notice.
+        """
         ...
 
     def resync(self) -> None:
-        """Discard the incomplete line or frame: the stream was interrupted."""
+        """Discard the incomplete line or frame after an interruption of the stream."""
         ...
 
 
 @runtime_checkable
 class CountingDecoder(Decoder, Protocol):
-    """A decoder of an instrument that may number its samples itself."""
-
     repeats_after: float
-    """Number of values of the instrument's sample number before it repeats; infinite if it never
+    """Number of values of the sample number before the number repeats; infinite if the number never
     repeats.
     """
 
 
 @runtime_checkable
 class SteadyDecoder(Decoder, Protocol):
-    """A decoder that processes many chunks in little more time than a single chunk, as long as they
-    hold only plain samples.
-    """
+    """A decoder that processes many chunks of plain samples in little more time than one chunk."""
 
     def feed_steady(self, chunks: Sequence[tuple[bytes, int]]) -> Samples | None:
-        """Return the samples that the chunks (bytes, arrival in ns) complete, each stamped with the
-        arrival of its own chunk.
+        """Return the samples of the chunks (bytes, arrival in ns), each with the arrival time of
+        its chunk.
 
-        None, without consuming a byte, where `feed`, called chunk by chunk, could give other
-        samples, a flag, or another rule for the decoding of lines.
+        Return None without consuming a byte if `feed`, called for each chunk, could return other
+        samples, set a flag, or change the rules of decoding.
         """
         ...
 
 
 @runtime_checkable
 class PolledDecoder(Decoder, Protocol):
-    """A decoder for an instrument that answers requests; the link sends ``request`` and passes on
-    the answer.
-    """
+    """A decoder for an instrument that answers requests; the link sends ``request``."""
 
     request: bytes
     poll_interval_s: float
@@ -153,20 +145,20 @@ class PolledDecoder(Decoder, Protocol):
 
 @runtime_checkable
 class AskingDecoder(PolledDecoder, Protocol):
-    """A decoder that requests further quantities, each at its own pace: air, strength of the
-    signal.
+    """A decoder that requests further quantities, such as air or signal strength, each with its own
+    period.
     """
 
     others: Sequence[tuple[bytes, float]]
-    """Further requests, each with the time in s until it is sent again. Their answers are passed on
-    like the answer to ``request``.
+    """Further requests, each with its period in s. The answers are decoded like answers to
+    ``request``.
     """
 
 
 @runtime_checkable
 class GreetingDecoder(Decoder, Protocol):
-    """A decoder for an instrument that sends on request: the link sends ``greeting`` whenever the
-    line is open.
+    """A decoder for an instrument that sends only on request: the link sends ``greeting`` after
+    every opening of the line.
     """
 
     greeting: bytes
@@ -174,8 +166,6 @@ class GreetingDecoder(Decoder, Protocol):
 
 @runtime_checkable
 class RespondingDecoder(Decoder, Protocol):
-    """A decoder for an instrument that needs an answer to its data."""
-
     def responder(self) -> Callable[[bytes], bytes]:
         """Return a function that takes the bytes received on an open line and returns the answer to
         send.

@@ -1,9 +1,10 @@
 """A stream of an instrument: bytes in, samples of a time span out.
 
-Chunks are decoded on request, or after a second: twenty chunks at once take little more time than a
-single chunk. The samples must not depend on the time of decoding, or a replay would differ from the
-live run. So a decoder takes several chunks at once only if they hold plain samples alone, every
-sample keeps the arrival of its own chunk, and whole chunks of old samples are discarded.
+Chunks are decoded on request, or after a second: twenty chunks at once take little more time than
+one chunk. A replay must give the same samples as the live run, so the time of decoding must not
+change the samples: the decoder takes several chunks at once only if all contain plain samples,
+every sample keeps the arrival time of its chunk, and only whole chunks of old samples are
+discarded.
 """
 
 import math
@@ -22,21 +23,21 @@ from stepdiag.daq.timing.samples import Decoder, Flag, Notice, Samples, SteadyDe
 
 MEMORY_NS = 90_000_000_000
 MEMORY_SAMPLES = 1_000_000
-"""Largest number of stored samples: enough to find a stop that Modbus missed; the limit bounds the
+"""Largest number of stored samples, enough to find a stop that Modbus missed. The limit bounds the
 memory for fast instruments.
 """
 HOLD_NS = 1_000_000_000
 HOLD_BYTES = 65_536
-"""Longest wait in ns of bytes for decoding, and largest number of waiting bytes."""
+"""Longest wait of bytes for decoding in ns, and largest number of waiting bytes."""
 ARRIVAL_SLACK_NS = 500_000_000
-"""Largest delay between the time of a sample and its arrival."""
+"""Largest delay in ns between the time of a sample and its arrival."""
 CONTINUITY = Flag.BEAM_LOST | Flag.HEAD_ERROR | Flag.SLEW
 """Flags of a sample at which an interferometer has lost its count: the readings before and after
-this sample belong to different zeros.
+the sample have different zeros.
 """
 LOSS_AT_START = Flag.BEAM_LOST | Flag.SLEW
-"""Flags that mean a lost count already before the first good sample. The other flags may then mean
-that the decoder has not recognised its instrument yet.
+"""Flags that show a lost count even before the first good sample. Other flags before the first good
+sample can mean that the decoder has not yet recognised its instrument.
 """
 UNUSABLE = (
     CONTINUITY | Flag.DEVICE_ERROR | Flag.PHASE_ERROR | Flag.SATURATED | Flag.OUT_OF_RANGE
@@ -44,23 +45,21 @@ UNUSABLE = (
 
 
 LEAST_STEP_MM = 1e-9
-"""A picometre in mm: smaller steps between samples come from the arithmetic, not from the
-instrument.
-"""
+"""Least step in mm (1 pm) of an instrument; smaller steps between samples are rounding errors."""
 UNWATCHED_NS = 500_000_000
 UNWATCHED_PERIODS = 3.0
-"""Limits of a gap between samples, in ns and in sample periods: a gap above both is a possible loss
-of the count, because a beam cut and restored in the gap leaves no trace.
+"""Limits of a gap between samples, in ns and in sample periods. A gap above both is a possible loss
+of the count, because a beam that is cut and restored in the gap leaves no trace.
 """
 
 LINE_LOST, NOT_RECORDED = message("line-lost-once"), message("recording-part-missing")
-"""The two reasons why the laser was unwatched, as messages."""
+"""The two reasons for an unwatched laser, as messages."""
 
 
 @dataclass(frozen=True, slots=True)
 class Break:
-    """A loss of the laser's count, or a possible loss in an unwatched time: its reason, and its
-    time (arrival of the chunk after it).
+    """A certain or possible loss of the laser's count: its reason, and its time (arrival of the
+    next chunk).
     """
 
     time_ns: int
@@ -70,8 +69,9 @@ class Break:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Span:
-    """Samples of a span of time in columns, shape (n,); ``channels`` (n, k) for a 4-DOF head.
-    Unusable samples are left out and counted."""
+    """Usable samples of a span of time in columns, shape (n,); ``channels`` (n, k) for a 4-DOF
+    head. Unusable samples are only counted.
+    """
 
     time_ns: NDArray[np.float64]
     position_mm: NDArray[np.float64]
@@ -81,11 +81,11 @@ class Span:
 
 
 Timed = tuple[Samples, SampleClock]
-"""A batch of samples, and the clock that gives their times."""
+"""A batch of samples, and the clock of the batch."""
 
 
 class StreamBuffer:
-    """Decodes a stream, keeps its clock, its newest samples and every loss of count."""
+    """Decodes a stream, and stores its clock, its newest samples and every loss of count."""
 
     def __init__(self, decoder: Decoder) -> None:
         self._decoder = decoder
@@ -111,20 +111,18 @@ class StreamBuffer:
 
     @property
     def breaks(self) -> list[Break]:
-        """Return every loss of count until now."""
         self._settle()
         return self._breaks
 
     @property
     def samples(self) -> int:
-        """Return the number of samples until now."""
         self._settle()
         return self._samples
 
     @property
     def resolution_um(self) -> float:
-        """Return the smallest step in um between two samples until now. After a first movement this
-        step is the instrument's resolution; before a movement the result is infinite.
+        """Return the smallest step in um between two samples until now; infinite before a first
+        movement. After a movement the result is the resolution of the instrument.
         """
         self._settle()
         return self._least_step_mm * 1e3
@@ -137,8 +135,8 @@ class StreamBuffer:
 
     @property
     def conditions(self) -> Mapping[str, float]:
-        """Return the last values of air and material from the instrument's own sensors, by the
-        names of the signals.
+        """Return the last values of air and material from the sensors of the instrument, by signal
+        name.
         """
         self._settle()
         return self._conditions
@@ -154,7 +152,6 @@ class StreamBuffer:
 
     @property
     def last(self) -> Samples | None:
-        """Return the newest batch of samples; None before the first batch."""
         self._settle()
         return self._last
 
@@ -168,7 +165,6 @@ class StreamBuffer:
         return list(newer)[::-1]
 
     def feed(self, chunk: bytes, arrival_ns: int) -> None:
-        """Take the bytes of a chunk and the time of its arrival."""
         self._waiting.append((chunk, arrival_ns))
         self._waiting_bytes += len(chunk)
         if (
@@ -185,25 +181,25 @@ class StreamBuffer:
         return notices
 
     def interrupted(self, at_ns: int, reason: Words = LINE_LOST) -> None:
-        """Record missing bytes: the incomplete line before the gap does not belong to the bytes
-        after it.
+        """Discard the incomplete line before missing bytes, and record that the laser was
+        unwatched.
 
-        The laser was unwatched even in a short gap: a beam that is cut and restored during the gap
-        leaves no trace, even if the instrument counts its samples.
+        Even a short gap is unwatched: a beam that is cut and restored in the gap leaves no trace,
+        even if the instrument counts its samples.
         """
         self._settle()
         self._decoder.resync()
         self._breaks.append(Break(at_ns, reason, watched=False))
 
     def forget_breaks(self) -> None:
-        """Discard all losses of count but the last certain and the last possible loss: an
-        unrecorded stream may run for weeks.
+        """Discard all losses of count except the last certain and the last possible loss. This
+        limits the memory of an unrecorded stream that runs for weeks.
         """
         if len(self._breaks) > 2:
             self._breaks = list(last_of_each(self._breaks))
 
     def newest_ns(self) -> float:
-        """Return the time of the newest sample; minus infinity before the first."""
+        """Return the time of the newest sample in ns; minus infinity before the first sample."""
         self._settle()
         if not self._batches:
             return -np.inf
@@ -214,7 +210,7 @@ class StreamBuffer:
         return float(newest)
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
-        """Return the usable samples of a span of time, both ends included, that arrived before
+        """Return the usable samples of a closed span of time that arrived before
         ``arrived_before_ns``.
         """
         chosen = self._around(from_ns, to_ns)
@@ -244,8 +240,8 @@ class StreamBuffer:
         )
 
     def count_at(self, time_ns: float) -> int | None:
-        """Return the instrument's own number of the sample nearest to a time; None where the host
-        numbers the samples, or no sample is near.
+        """Return the instrument's number of the sample nearest to a time; None without such a
+        number, or without a sample near the time.
         """
         near = self._around(time_ns - UNWATCHED_NS, time_ns + UNWATCHED_NS)
         if not self._decoder.gaps_visible or not near:
@@ -254,16 +250,13 @@ class StreamBuffer:
         return int(np.concatenate([batch.counter for batch, _ in near])[nearest])
 
     def drained(self) -> list[tuple[NDArray[np.float64], Samples]]:
-        """Return all stored samples with their times in ns, and discard them: for the decoding of a
-        whole log.
-        """
+        """Return all stored samples with their times in ns, and discard the samples."""
         self._settle()
         batches, self._batches, self._kept = self._batches, deque(), 0
         return [(self._times([each]), each[0]) for each in batches]
 
     def flags(self, from_ns: float, to_ns: float) -> NDArray[np.uint16]:
-        """Return the flags of all samples taken in the closed span of time, usable or not, shape
-        (n,)."""
+        """Return the flags of all samples in a closed span of time, shape (n,)."""
         near = self._around(from_ns, to_ns)
         if not near:
             return np.zeros(0, dtype=np.uint16)
@@ -274,7 +267,7 @@ class StreamBuffer:
         return np.concatenate([batch.flags for batch, _ in near])[inside]
 
     def _around(self, from_ns: float, to_ns: float) -> list[Timed]:
-        """Return the batches that may hold samples of a span of time. The search begins at the
+        """Return the batches that may contain samples of a span of time. The search begins at the
         newest batch, because most requests concern new samples.
         """
         self._settle()
@@ -287,7 +280,6 @@ class StreamBuffer:
         return chosen[::-1]
 
     def _settle(self) -> None:
-        """Decode all chunks that wait for decoding."""
         if not self._waiting:
             return
         chunks, self._waiting, self._waiting_bytes = self._waiting, [], 0
@@ -312,7 +304,7 @@ class StreamBuffer:
 
     def _times(self, batches: list[Timed]) -> NDArray[np.float64]:
         """Return the times in ns of all samples of the batches (at least one). Batches of the same
-        clock are computed together, because a standstill has a batch for every chunk.
+        clock are computed together, because a standstill has one batch per chunk.
         """
         if self._polled:
             return np.concatenate([batch.arrival_ns for batch, _ in batches]).astype(
@@ -340,9 +332,7 @@ class StreamBuffer:
             self._conditions_ns[notice.name] = arrival_ns
 
     def _new_clock(self, rate_hz: float | None) -> SampleClock:
-        """Return the clock of a new segment; earlier batches keep the clock of their own
-        segment.
-        """
+        """Return the clock of a new segment; earlier batches keep the clock of their segment."""
         self._rate_hz = rate_hz
         return SampleClock(
             rate_hz, self._decoder.latency_s, gaps_visible=self._decoder.gaps_visible
@@ -373,9 +363,6 @@ class StreamBuffer:
         )
 
     def _forget(self, before_ns: int) -> None:
-        """Discard the batches from before a given time, and the oldest batches beyond
-        `MEMORY_SAMPLES`.
-        """
         while True:
             batch, clock = self._batches[0]
             excess = self._kept - MEMORY_SAMPLES
@@ -392,11 +379,11 @@ class StreamBuffer:
                 self._batches.appendleft((batch.after(gone), clock))
 
     def _watch_for_holes(self, batch: Samples) -> None:
-        """Record a time without samples: by the counter if the instrument counts unsent samples,
-        else by arrivals.
+        """Record a time without samples: a gap of the counter if the instrument counts unsent
+        samples, otherwise a gap of the arrivals.
 
-        A hole found by arrivals contains an unknown number of samples, so a new clock begins behind
-        it.
+        A gap of the arrivals contains an unknown number of samples, so a new clock begins after the
+        gap.
         """
         before, self._end = self._end, (int(batch.counter[-1]), int(batch.arrival_ns[-1]))
         counted = self._decoder.gaps_visible

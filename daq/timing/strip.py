@@ -1,5 +1,5 @@
-"""The newest readings of an instrument at full rate, lowest and highest sample of every short bin:
-for display, never for results.
+"""The newest readings of an instrument at full rate for display: lowest and highest sample of every
+short bin.
 """
 
 from collections import deque
@@ -11,16 +11,14 @@ from stepdiag.daq.timing.stream import StreamBuffer
 
 BIN_S = 0.02
 KEEP_BINS = 75
-"""Number of stored bins, a second and a half: a page that misses one or two updates still gets
-every bin.
-"""
+"""Number of stored bins (1.5 s): a page that misses one or two updates still receives every bin."""
 _BIN_NS = round(BIN_S * 1e9)
 _KEEP_NS = KEEP_BINS * _BIN_NS
 
 
 class Strip:
-    """Sorts the samples of a stream into bins of time. ``bins`` holds number, lowest and highest
-    reading of each bin; the readings are NaN if all samples of the bin are.
+    """Sorts the samples of a stream into bins of time. ``bins`` has the number, lowest and highest
+    reading of each bin; the readings are NaN if all samples of the bin are NaN.
     """
 
     def __init__(self) -> None:
@@ -28,7 +26,7 @@ class Strip:
         self._newest_ns = 0
 
     def follow(self, stream: StreamBuffer) -> None:
-        """Take the stream's new samples; samples older than the stored bins are skipped."""
+        """Add the new samples of the stream. Samples older than the stored bins are skipped."""
         fresh = stream.since(self._newest_ns)
         ends_ns = [int(batch.arrival_ns[-1]) for batch in fresh]
         kept_ns = ends_ns[-1] - _KEEP_NS if fresh else 0
@@ -39,7 +37,7 @@ class Strip:
                 self.add(batch)
 
     def add(self, batch: Samples) -> None:
-        """Process a batch: its samples are spread evenly over the time since the previous batch."""
+        """Add a batch; its samples are spread evenly over the time since the previous batch."""
         if not len(batch) or int(batch.arrival_ns[-1]) <= self._newest_ns:
             return
         end = int(batch.arrival_ns[-1])

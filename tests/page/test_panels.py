@@ -215,7 +215,7 @@ def test_a_clock_that_was_never_set_is_shown(page: Page, daemon: Served) -> None
     shown = page.locator("#all-list li")
     expect(shown).to_have_count(1)
     expect(shown).to_contain_text("1970-01-01")
-    expect(shown).to_contain_text("state the time of its first stop")
+    expect(shown).to_contain_text("enter the time of the first stop")
     page.locator("#language").click()
     expect(shown).to_contain_text("die Uhr des Rechners wurde nie gestellt")
     expect(shown).to_contain_text("1970-01-01")

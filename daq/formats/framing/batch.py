@@ -12,11 +12,11 @@ from stepdiag.daq.timing.samples import Flag, Notice, NoticeCode, Samples
 Columns = tuple[
     NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.uint16]
 ]
-"""Columns of samples: counter, position in mm, beam and flags, each of shape (rows,)."""
+"""Columns of samples: counter, position in mm, beam strength, and flags, each of shape (rows,)."""
 
 
 class Batch:
-    """A growing batch of samples; a notice belongs to the sample that is added after the notice."""
+    """A growing batch of samples. A notice belongs to the sample that is added after the notice."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -33,8 +33,8 @@ class Batch:
         beam: NDArray[np.float64] | None = None,
         channels: NDArray[np.float64] | None = None,
     ) -> None:
-        """Append samples, one row each; a missing beam is unknown (NaN). Either every added part
-        has channels, or no part.
+        """Append samples, one per row; a missing beam strength is NaN. Channels are given in every
+        call, or in none.
         """
         self._parts.append(
             (counter, position_mm, _unknown(len(counter)) if beam is None else beam, flags)
@@ -52,8 +52,8 @@ class Batch:
         name: str = "",
         index: int | None = None,
     ) -> None:
-        """Add a remark before the next sample, or before the sample at ``index``. The other
-        arguments are those of `Notice`.
+        """Add a notice before the next sample, or before the sample at ``index``. The arguments are
+        those of `Notice`.
         """
         self.notices.append(
             Notice(
@@ -66,21 +66,20 @@ class Batch:
         )
 
     def remark(self, breaks: Iterable[Break], keep: NDArray[np.bool_]) -> None:
-        """Append the faults of the counter in the rows that are added next; ``keep`` (rows,) is
-        False for rows that are left out.
+        """Append the faults of the counter in the rows that are added next. ``keep``, shape
+        (rows,), is False for rows that are left out.
         """
         for found in breaks:
             index = self.count + int(keep[: found.row].sum())
             self.note(found.code, found.why, value=found.missing, index=index)
 
     def doubt(self, flag: Flag) -> None:
-        """Set ``flag`` in every sample added so far."""
         for _, _, _, flags in self._parts:
             np.bitwise_or(flags, np.uint16(flag), out=flags)
 
     def samples(self, arrival_ns: int | NDArray[np.int64]) -> Samples:
-        """Return all added samples, stamped with ``arrival_ns``: a single time, or one time per
-        row.
+        """Return all added samples; ``arrival_ns`` is one arrival time for all rows, or one for
+        each row.
         """
         if not self._parts and not self.notices:
             return NOTHING
@@ -110,15 +109,14 @@ class Batch:
 
 
 def mark(flags: NDArray[np.uint16], where: NDArray[np.bool_], flag: Flag) -> None:
-    """Set ``flag`` in the rows in which ``where`` is True."""
     flags[where] |= np.uint16(flag)
 
 
 def judge_beam(
     beam: NDArray[np.float64], threshold: float, flags: NDArray[np.uint16]
 ) -> None:
-    """Flag a beam (0 to 1) below ``threshold`` as lost, and a beam below twice the threshold as
-    weak; an unknown beam (NaN) gets no flag.
+    """Set the flag of a lost beam for a strength below ``threshold``, and the flag of a weak beam
+    below twice ``threshold``. An unknown strength (NaN) gets no flag.
     """
     lost = beam < threshold
     mark(flags, lost, Flag.BEAM_LOST)
@@ -145,4 +143,4 @@ NOTHING = Samples(
     flags=_NO_ROWS[3],
     arrival_ns=_NO_ROWS[0],
 )
-"""The empty batch of samples: the result for a chunk that completes no sample."""
+"""An empty batch: the result for a chunk that completes no sample."""

@@ -1,5 +1,6 @@
-"""Checksums of binary frames, by the names of the catalogue of parametrised CRC algorithms
-(reveng.sourceforge.io/crc-catalogue)."""
+"""Checksums of binary frames by their names in the catalogue of CRC algorithms
+(reveng.sourceforge.io/crc-catalogue).
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -19,8 +20,6 @@ class Crc:
 
 @dataclass(frozen=True, slots=True)
 class Checksum:
-    """A checksum: its number of bytes, and the function that computes its value over bytes."""
-
     size: int
     of: Callable[[bytes], int]
 
@@ -40,7 +39,6 @@ _EVERY_BYTE = bytes(range(256))
 
 
 def _crc_table(crc: Crc) -> tuple[int, ...]:
-    """Return the change of the CRC's register for each value of a byte."""
     mask, top = (1 << crc.width) - 1, 1 << crc.width - 1
     if crc.reflected:
         polynomial = int(f"{crc.polynomial:0{crc.width}b}"[::-1], 2)
@@ -65,7 +63,6 @@ def _crc_table(crc: Crc) -> tuple[int, ...]:
 
 
 def checksum(crc: Crc) -> Checksum:
-    """Return the checksum that computes a CRC."""
     table, start, mask, shift = (
         _crc_table(crc),
         crc.start,
@@ -94,4 +91,4 @@ CHECKSUMS: Mapping[str, Checksum] = {
     "xor-8": Checksum(1, lambda data: reduce(xor, data, 0)),
     **{name: checksum(crc) for name, crc in _CRCS.items()},
 }
-"""Every checksum that the description of a frame may name."""
+"""The checksums that the survey file may select for a frame."""

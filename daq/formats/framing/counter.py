@@ -1,4 +1,4 @@
-"""Follows an instrument's sample counter through wraps, gaps, duplicates and restarts."""
+"""The sample counter of an instrument through wraps, gaps, duplicates and restarts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 from stepdiag.base.messages import Message, message
 
 LONGEST_WRAP_GAP = 1000
-"""Largest number of samples assumed to be missing across the end of a counter; a larger number
-means that the instrument was reset.
+"""Largest number of missing samples across the wrap of a counter; a larger number is a restart of
+the instrument.
 """
 LONGEST_GAP = 10_000_000
-"""Largest gap in samples, hours at any known rate. A longer forward step of the counter is a new
-count, not a gap.
+"""Largest gap in samples (hours at any known rate). A larger forward step of the counter is a
+restart of the count.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Wrap:
-    """The range of a counter that runs from ``low`` to ``high`` and begins again; across its end,
-    at most ``reach`` steps are accepted.
+    """The range of a counter that counts from ``low`` to ``high`` and then starts again at ``low``.
+    Across the wrap at most ``reach`` steps are accepted.
     """
 
     low: int
@@ -30,8 +30,8 @@ class Wrap:
     reach: int
 
     def across(self, previous: int, current: int) -> int | None:
-        """Return the number of steps from ``previous`` to the smaller ``current`` across the
-        counter's end; None if this is impossible.
+        """Return the number of steps from ``previous`` to the smaller ``current`` across the wrap;
+        None for more than ``reach`` steps.
         """
         if previous > self.high or current < self.low:
             return None
@@ -41,8 +41,9 @@ class Wrap:
 
 @dataclass(frozen=True, slots=True)
 class Break:
-    """An irregular step of the counter before row ``row``; ``missing`` counts the samples lost in a
-    gap."""
+    """An irregular step of the counter before row ``row``; ``missing`` is the number of samples
+    lost in a gap.
+    """
 
     code: Literal["gap", "duplicate", "restart"]
     row: int
@@ -52,9 +53,9 @@ class Break:
 
 @dataclass(frozen=True, slots=True)
 class Unwrapped:
-    """The result of `CounterTrack.follow`. ``counter``, shape (rows kept,), grows strictly.
-    ``keep``, shape (rows,), is False for duplicates. ``breaks`` are in the order of the rows;
-    consecutive duplicates give a single break.
+    """The result of `CounterTrack.follow`. ``counter``, shape (rows kept,), increases strictly.
+    ``keep``, shape (rows,), is False for duplicates. Consecutive duplicates are one entry of
+    ``breaks``.
     """
 
     counter: NDArray[np.int64]
@@ -65,8 +66,8 @@ class Unwrapped:
 class CounterTrack:
     """Unwraps the counter of one stream.
 
-    After a restart of the instrument the unwrapped counter continues by one. The duration of the
-    interruption is unknown, so a new clock must begin.
+    After a restart of the instrument the unwrapped counter continues with the next number. The
+    length of the interruption is unknown, so the caller must start a new clock.
     """
 
     def __init__(self, wraps: Sequence[Wrap]) -> None:
@@ -76,14 +77,12 @@ class CounterTrack:
         self._repeating = False
 
     def forget(self) -> None:
-        """Accept the next value of the counter, whatever it is, as one step after the last sample,
-        without a remark.
-        """
+        """Accept any next value of the counter as one step after the last sample."""
         self._raw = None
 
     def goes_on(self, raw: NDArray[np.int64]) -> bool:
-        """Return whether the counters ``raw``, shape (rows,), at least one row, continue from the
-        last row in steps of one. The state of this object does not change.
+        """Return whether the counters ``raw``, shape (rows,), continue from the last row in steps
+        of one. The state of the track does not change.
         """
         return (
             self._raw is not None
@@ -93,10 +92,10 @@ class CounterTrack:
         )
 
     def follow(self, raw: NDArray[np.int64], *, restarted: bool = False) -> Unwrapped:
-        """Return the unwrapped counter of rows ``raw``, shape (rows,), at least one row.
+        """Return the unwrapped counter of the rows ``raw``, shape (rows,), at least one row.
 
-        ``restarted``: the instrument sent its greeting before the first row, so its counter began
-        again, unless the first row continues the count.
+        ``restarted`` means that the instrument sent its greeting before the first row: the counter
+        began again, unless the first row continues the count.
         """
         if self._count is None:
             self._count = int(raw[0]) - 1
@@ -123,9 +122,6 @@ class CounterTrack:
         return Unwrapped(counter[keep], keep, tuple(breaks))
 
     def _judge(self, row: int, previous: int, current: int) -> tuple[int, Break | None]:
-        """Return the true step from ``previous`` to ``current``, and the fault of the counter, if
-        any.
-        """
         if current == previous:
             return 0, Break("duplicate", row, message("count-again", count=current))
         step: int | None = current - previous

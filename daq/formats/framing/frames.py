@@ -1,5 +1,5 @@
-"""Cuts a stream of bytes into binary frames of fixed size, and finds the next frame after
-garbage.
+"""Cuts a stream of bytes into binary frames of fixed size, and finds the next frame after invalid
+bytes.
 """
 
 from collections.abc import Callable, Iterator
@@ -14,15 +14,15 @@ Frames = NDArray[np.uint8]
 """The bytes of whole frames, shape (frames, size)."""
 
 SHOWN = 16
-"""Number of bytes outside frames that a message quotes."""
+"""Number of bytes outside frames that a message shows."""
 JUNK_CAP = 4096
-"""Number of bytes without a frame after which a remark is made, also before a first frame."""
+"""Number of bytes without a frame after which a remark is made, also before the first frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class Junk:
-    """Bytes that belong to no frame: their number ``count``, and the first of these bytes; reported
-    once until the next frame.
+    """Bytes outside every frame: their number ``count``, and the first of these bytes. They are
+    reported once until the next frame.
     """
 
     count: int
@@ -30,7 +30,6 @@ class Junk:
 
     @property
     def why(self) -> Message:
-        """Return the message about the bytes that belong to no frame."""
         return (
             message("junk-begins", count=self.count, bytes=self.begins.hex(" "))
             if self.begins
@@ -39,11 +38,11 @@ class Junk:
 
 
 class FrameBuffer:
-    """Holds the incomplete frame at the end of a stream.
+    """Stores the incomplete frame at the end of a stream.
 
-    A frame begins with ``sync``, has ``size`` bytes and satisfies ``valid`` (a function of its
-    bytes, shape (size,)). After a bad frame the search continues one byte further, so that a sync
-    pattern inside the values loses no good frame.
+    A frame begins with ``sync``, has ``size`` bytes and passes the check ``valid`` (a function of
+    the frame's bytes, shape (size,)). After an invalid frame the search continues one byte further,
+    so a sync pattern inside the values of a frame does not cause the loss of a valid frame.
     """
 
     def __init__(self, sync: bytes, size: int, valid: Callable[[bytes], bool]) -> None:
@@ -56,11 +55,10 @@ class FrameBuffer:
         self._quoted = False
 
     def clear(self) -> None:
-        """Discard the incomplete frame."""
         self._held = b""
 
     def feed(self, chunk: bytes) -> Iterator[Frames | Junk]:
-        """Yield the frames that ``chunk`` completes, and the junk between frames; the caller must
+        """Yield the frames that ``chunk`` completes, and the junk between frames. The caller must
         exhaust the iterator.
         """
         data = self._held + chunk
@@ -89,13 +87,9 @@ class FrameBuffer:
         return frame.startswith(self._sync) and self._valid(frame)
 
     def _may_begin(self, rest: bytes) -> bool:
-        """Return whether ``rest`` is empty or the beginning of a frame."""
         return len(rest) < self._size and rest[: len(self._sync)] == self._sync[: len(rest)]
 
     def _next_sync(self, data: bytes, start: int) -> int:
-        """Return the index at which the next sync pattern may begin; the length of ``data`` if
-        nowhere earlier.
-        """
         found = data.find(self._sync, start)
         if found >= 0:
             return found
@@ -106,9 +100,6 @@ class FrameBuffer:
         )
 
     def _report(self, cap: int) -> Iterator[Junk]:
-        """Yield the junk received until now: in portions of ``cap`` bytes, or as a whole if ``cap``
-        is 0.
-        """
         while self._junk and self._junk >= cap:
             portion = cap or self._junk
             self._junk -= portion

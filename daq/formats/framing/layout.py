@@ -1,6 +1,4 @@
-"""The numbers within binary frames of fixed size: the place of each number, and its values in many
-frames at once.
-"""
+"""The numbers inside binary frames of fixed size."""
 
 import re
 from dataclasses import dataclass
@@ -23,8 +21,9 @@ _FIELD = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A number in a frame: its first byte, its length, and whether it is unsigned (u), signed (i)
-    or real (f)."""
+    """A number in a frame: its first byte, its length in bytes, and its kind: unsigned (u), signed
+    (i) or real (f).
+    """
 
     at: int
     size: int
@@ -33,8 +32,8 @@ class Place:
     def column(
         self, frames: Frames, order: ByteOrder
     ) -> NDArray[np.float64] | NDArray[np.int64]:
-        """Return the values of this number in all frames, shape (frames,): whole numbers as int64
-        (larger unsigned numbers wrap), real numbers as float64.
+        """Return the values of the number in all frames, shape (frames,). Whole numbers are int64
+        (an unsigned number above the range of int64 wraps), real numbers are float64.
         """
         raw = frames[:, self.at : self.at + self.size]
         if order == "big":
@@ -51,11 +50,11 @@ class Place:
 
 
 def read_layout(texts: tuple[str, ...], start: int) -> tuple[dict[str, Place], int]:
-    """Return the places of the numbers by name, and the byte at which the last number ends.
-    ``texts`` describe the numbers in order (``position i32``, ``skip 2``); the first number begins
-    at byte ``start``.
+    """Return the places of the numbers by name, and the byte after the last number. ``texts``
+    describe the numbers in order (``position i32``, ``skip 2``); the first number begins at byte
+    ``start``.
 
-    Raises UsageError that names the wrong text.
+    Raises UsageError that contains the invalid text.
     """
     places: dict[str, Place] = {}
     at = start

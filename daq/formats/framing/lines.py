@@ -1,4 +1,4 @@
-"""Cuts a stream of bytes into text lines, with a limit for a line that does not end."""
+"""Cuts a stream of bytes into text lines of limited length."""
 
 from collections.abc import Sequence
 
@@ -6,19 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 LINE_CAP = 4096
-"""Longest line in bytes; no instrument sends a line nearly as long for a sample."""
+"""Longest line in bytes, far above the length of a sample of any instrument."""
 _QUOTED_BYTES = 40
-"""Number of quoted bytes of a garbage line: enough to recognise the line, but short in a
-message.
-"""
+"""Number of bytes of an invalid line that a message shows."""
 
 
 class LineBuffer:
-    """Holds the incomplete line at the end of a stream.
+    """Stores the incomplete line at the end of a stream.
 
-    ``cap`` is the longest line in bytes, terminator not counted. A longer line is returned as soon
-    as it exceeds the limit, cut off but still longer than ``cap``, so that the decoder refuses the
-    line; the rest of the line is discarded. So memory stays limited even at a wrong baud rate.
+    ``cap`` is the longest line in bytes without its terminator. A line that exceeds ``cap`` is
+    returned at once, cut off but longer than ``cap``, so that the decoder refuses the line; the
+    rest of the line is discarded. So memory is limited even at a wrong baud rate.
     """
 
     def __init__(self, cap: int, terminator: bytes = b"\n") -> None:
@@ -29,7 +27,9 @@ class LineBuffer:
         self._skipping = False
 
     def feed(self, chunk: bytes) -> bytes:
-        """Return the lines that ``chunk`` completes, each with its terminator; empty if none."""
+        """Return the lines that ``chunk`` completes, with their terminators; empty if no line is
+        complete.
+        """
         if self._skipping:
             _, found, chunk = chunk.partition(self._terminator)
             if not found:
@@ -55,7 +55,7 @@ class LineBuffer:
         return b"".join(self._parts) + chunk[:cut] if cut else b""
 
     def skip_line(self) -> None:
-        """Discard everything up to the next terminator: the present line is incomplete."""
+        """Discard the bytes up to the next terminator, because the present line is incomplete."""
         self._take()
         self._skipping = True
 
@@ -72,7 +72,6 @@ class LineBuffer:
 
 
 def quote(raw: bytes) -> str:
-    """Return the beginning of ``raw`` as readable text, whatever the bytes are."""
     text = raw[:_QUOTED_BYTES].decode("ascii", errors="backslashreplace")
     printable = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
     return f'"{printable}"' + ("..." if len(raw) > _QUOTED_BYTES else "")
@@ -81,8 +80,8 @@ def quote(raw: bytes) -> str:
 def arrivals_of_lines(
     chunks: Sequence[tuple[bytes, int]], terminator: bytes = b"\n"
 ) -> NDArray[np.int64]:
-    """Return for every line its arrival in ns, shape (lines,): the arrival of the chunk that ends
-    the line. ``chunks`` are pairs of bytes and arrival in ns.
+    """Return the arrival time of every line in ns, shape (lines,). A line arrives with the chunk
+    that contains its end; ``chunks`` are pairs of bytes and arrival time in ns.
     """
     return np.repeat(
         np.array([arrival_ns for _, arrival_ns in chunks], dtype=np.int64),

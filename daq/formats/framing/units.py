@@ -1,4 +1,4 @@
-"""Units in which an instrument may give a length."""
+"""Units of length of the instruments."""
 
 from collections.abc import Mapping
 from typing import Literal

@@ -1,10 +1,10 @@
-"""Air and material from a separate sensor that sends one text line per measurement; the survey file
-describes the line.
+"""A sensor of air and material that sends one text line per measurement; the survey file describes
+the line.
 
-Vaisala PTU300 in its factory setting: it answers `SEND` with pressure, temperature and humidity
-(``P= 1013.2 hPa T= 31.1 'C RH= 38.3 %RH``; PTU300 User Manual p. 103), perhaps after a prompt and
-the echo of the request. A sensor that sends without requests (`RUN`) sends the same lines.
-**Recalled, not looked up:** asterisks stand for a quantity that cannot be measured.
+Vaisala PTU300 in its factory setting: the sensor answers `SEND` with pressure, temperature and
+humidity (``P= 1013.2 hPa T= 31.1 'C RH= 38.3 %RH``; PTU300 User Manual p. 103), optionally after a
+prompt and the echo of the request. In the mode `RUN` the sensor sends the same lines without
+requests. **Recalled, not looked up:** asterisks replace a quantity that cannot be measured.
 """
 
 import math
@@ -27,7 +27,7 @@ MEASURED = (
     "relative_humidity_percent",
     "material_temperature_c",
 )
-"""The quantities that a line may contain: names of the groups of the pattern, in the order of the
+"""The quantities that a line may contain: names of groups in the pattern, in the order of the
 channels.
 """
 PTU300 = (
@@ -47,16 +47,16 @@ HPA = {
     "inHg": 33.8638866667,
 }
 _LINE_CAP = 500
-"""Longest line in bytes; a PTU300's is below 60."""
+"""Longest line in bytes; a line of a PTU300 has fewer than 60."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirSettings:
     """Format of a line from the sensor of air and material.
 
-    ``pattern`` matches the whole line and has one or more of the groups `MEASURED`. The link sends
-    ``greeting`` once, and ``request`` every ``poll_s`` seconds; a sensor that sends without
-    requests has no ``request``.
+    ``pattern`` matches the whole line and has at least one group of `MEASURED`. The link sends
+    ``greeting`` once, and ``request`` every ``poll_s`` seconds. ``request`` is empty for a sensor
+    that sends without requests.
     """
 
     pattern: str
@@ -91,14 +91,12 @@ class AirSettings:
 
 @cache
 def quantities_in(pattern: str) -> tuple[str, ...]:
-    """Return the quantities in a line of this pattern, in the order of `MEASURED`."""
     groups = line_pattern(pattern, "survey: environment.sensor.pattern").groupindex
     return tuple(name for name in MEASURED if name in groups)
 
 
 class AirDecoder:
-    """Decoder of a sensor of air and material that sends without requests
-    (`daq.timing.samples.Decoder`).
+    """Decoder of a sensor of air and material that sends without requests.
 
     A measurement is a sample without position; ``channels`` has shape (count, 4) in the order of
     `MEASURED`, NaN for a missing quantity. Every number is also an ``environment`` notice. A line
@@ -119,15 +117,14 @@ class AirDecoder:
         self.greeting = settings.greeting.encode("ascii")
 
     def resync(self) -> None:
-        """Discard the incomplete line; the next line may lack its beginning and still look
-        complete.
+        """Discard the incomplete line. The next line may lack its beginning and still match the
+        pattern.
         """
         self._lines = LineBuffer(_LINE_CAP, self._end)
         if not self._settings.request:
             self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the measurements that ``chunk`` completes, one sample per measurement."""
         batch = Batch()
         for line in self._lines.feed(chunk).split(self._end)[:-1]:
             if line.strip(b"> \t\r\n\0").lower() not in (b"", self._echo):
@@ -157,9 +154,6 @@ class AirDecoder:
         self._number += 1
 
     def _value(self, name: str, text: str | None) -> float:
-        """Return the value of a quantity in the program's unit; NaN if the text is no valid
-        value.
-        """
         try:
             number = float(text) if text is not None else math.nan
         except ValueError:
@@ -176,9 +170,7 @@ class AirDecoder:
 
 
 class AskedAirDecoder(AirDecoder):
-    """Decoder of a sensor of air and material that answers requests
-    (`daq.timing.samples.PolledDecoder`).
-    """
+    """Decoder of a sensor of air and material that answers requests."""
 
     def __init__(self, settings: AirSettings) -> None:
         super().__init__(settings)

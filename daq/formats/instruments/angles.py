@@ -1,14 +1,16 @@
 """Instruments that measure angles and send one text line per reading: Elcomat 3000 autocollimators,
-Wyler levels, and instruments described in the same way.
+Wyler levels, and instruments with a similar line.
 
-Elcomat 3000: a command is a letter and a LF; `s` ends a stream, `A` begins a stream of absolute
-readings. A reading is the text `type status x y` in arc-seconds, ended by a CR. Types 1 and 2 are
-relative readings, types 3 and 4 absolute readings. The third digit of the status is 1 if x is
-valid, 2 if y is valid, 3 if both are valid; the status may be longer. Numbers have the form that
-C's strtod reads (dls-controls/elcomat3000 @5b459ca, elcomat3000.cpp lines 47, 164, 209, 330 to
-361). Only absolute readings are used: a relative reading has another origin. Wyler: the request is
-`P`; the second field of the answer is the angle, the fourth field another quantity (known only from
-CERN's use of the Zerotronic, so the survey file may state another pattern and unit).
+Elcomat 3000 (dls-controls/elcomat3000 @5b459ca, elcomat3000.cpp lines 47, 164, 209, 330 to 361): a
+command is a letter and a LF; `s` ends a stream, `A` begins a stream of absolute readings. A reading
+is the text `type status x y` in arc-seconds, ended by a CR. Types 1 and 2 are relative readings,
+types 3 and 4 absolute readings. A relative reading has another origin and is not used. The third
+digit of the status is 1 if x is valid, 2 if y is valid, 3 if both are valid; the status may be
+longer. Numbers have the form that C's strtod reads.
+
+Wyler: the request is `P`; the second field of the answer is the angle, the fourth field is another
+quantity. The only source is CERN's use of the Zerotronic, so the survey file may contain another
+pattern and unit.
 """
 
 import math
@@ -41,7 +43,7 @@ WYLER = rf"\s*[^\s,;]+[\s,;]+(?P<first>{NUMBER})(?:[\s,;].*)?"
 GROUPS = ("first", "second", "valid")
 _LINE_CAP = 200
 _LARGEST_URAD = 1e6
-"""Largest valid angle in urad: a radian is far beyond the ranges of these instruments."""
+"""Largest valid angle in urad: 1 rad, far beyond the ranges of these instruments."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,8 +52,8 @@ class AnglesSettings:
 
     ``pattern`` matches the whole line and has the group ``first``, optionally ``second`` and
     ``valid`` (1: the first angle is valid, 2: the second, 3: both). The link sends ``greeting``
-    once, and ``request`` for each reading; an instrument that sends without requests has no
-    ``request``.
+    once, and ``request`` for each reading. ``request`` is empty for an instrument that sends
+    without requests.
     """
 
     pattern: str
@@ -91,9 +93,9 @@ class AnglesSettings:
 
 
 class AnglesDecoder:
-    """Decoder of an angular instrument that sends without requests (`daq.timing.samples.Decoder`).
+    """Decoder of an angular instrument that sends without requests.
 
-    ``channels`` has shape (count, 1 or 2): angles in urad. Positions and beam are NaN. The host
+    ``channels`` has shape (count, 1 or 2): angles in urad. Position and beam are NaN. The host
     numbers the readings.
     """
 
@@ -111,16 +113,16 @@ class AnglesDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete line; the next line may lack its beginning and still look
-        complete.
+        """Discard the incomplete line. The next line may lack its beginning and still match the
+        pattern.
         """
         self._lines = LineBuffer(_LINE_CAP, self._end)
         if not self._settings.request:
             self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the readings that ``chunk`` completes, one sample per reading. Any other line is a
-        garbage notice.
+        """Return the readings that ``chunk`` completes. A line that is no reading is a garbage
+        notice.
         """
         batch = Batch()
         for line in self._lines.feed(chunk).split(self._end)[:-1]:
@@ -149,9 +151,6 @@ class AnglesDecoder:
     def _values(
         self, groups: dict[str, str | None]
     ) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
-        """Return the angles of a line in urad, NaN for an invalid angle; None if a text is no
-        number in the instrument's form.
-        """
         valid = groups.get("valid") or "3"
         try:
             numbers = [float(groups[name] or "nan") for name in GROUPS[: self._columns]]
@@ -168,9 +167,7 @@ class AnglesDecoder:
 
 
 class AskedAnglesDecoder(AnglesDecoder):
-    """Decoder of an angular instrument that answers requests
-    (`daq.timing.samples.PolledDecoder`).
-    """
+    """Decoder of an angular instrument that answers requests."""
 
     def __init__(self, settings: AnglesSettings) -> None:
         super().__init__(settings)

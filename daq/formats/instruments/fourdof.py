@@ -1,4 +1,4 @@
-"""`fourdof`: the stream of a 4-DOF head, binary frames or ASCII lines (docs/fourdof-frames.md)."""
+"""The stream of a 4-DOF head: binary frames or ASCII lines (docs/fourdof-frames.md)."""
 
 import binascii
 import re
@@ -21,9 +21,10 @@ from stepdiag.daq.timing.samples import Flag, Samples
 class FourdofSettings:
     """Settings of the head.
 
-    ``full_sum`` is the sum signal of QD, PSD 1 and PSD 2 at full beam, in the head's own units; if
-    it is given, the weakest of the three sums is the beam strength (0 to 1). The beam is lost below
-    ``beam_threshold``, and weak below twice this threshold.
+    ``full_sum`` is the sum signal of QD, PSD 1 and PSD 2 at full beam, in the head's units. With
+    ``full_sum`` the beam strength (0 to 1) is the weakest of the three sums divided by
+    ``full_sum``. The beam is lost below ``beam_threshold``, and weak below twice
+    ``beam_threshold``.
     """
 
     encoding: Literal["binary", "ascii"] = "binary"
@@ -54,16 +55,16 @@ class FourdofSettings:
 SYNC = b"\xf4\xd0"
 FRAME_SIZE = 46
 """Bytes of a frame: sync 2, type 1, status 1, counter 4, nine values of 4 each, CRC 2. A line of
-115200 baud, ten bits a byte, carries 250 frames a second.
+115200 baud (ten bits a byte) carries 250 frames a second.
 """
 LINE_CAP = 256
-"""Longest ASCII line in bytes; whole numbers of full length give 135 bytes, real numbers up to 200.
+"""Longest ASCII line in bytes; whole numbers of full length need 135 bytes, real numbers up to 200.
 """
 
 _INT32, _FLOAT32 = b"if"
 _SUMS = (2, 5, 8)
 _SATURATED = 0b0000_0111
-"""Bits of the status: the reading of QD, PSD 1 or PSD 2 is at the end of its converter's range."""
+"""Bits of the status: the converter of QD, PSD 1 or PSD 2 is at the end of its range."""
 _HEAD_FAULT = 0b1000_0000
 _NUMBER = rb"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?"
 _LINE = re.compile(
@@ -72,8 +73,9 @@ _LINE = re.compile(
 
 
 def crc16(data: bytes) -> int:
-    """Return the CRC-16 of the frames: polynomial 0x1021, start 0xFFFF, not reflected
-    (CRC-16/CCITT-FALSE)."""
+    """Return the CRC-16 of a frame: polynomial 0x1021, start 0xFFFF, not reflected
+    (CRC-16/CCITT-FALSE).
+    """
     return binascii.crc_hqx(data, 0xFFFF)
 
 
@@ -85,11 +87,11 @@ class _Rows:
 
 
 class FourdofDecoder:
-    """Decoder of a 4-DOF head (`daq.timing.samples.Decoder`).
+    """Decoder of a 4-DOF head.
 
     ``channels`` has shape (count, 9): x, y and sum of QD, PSD 1 and PSD 2 in the head's units.
-    Positions are NaN. A frame with a wrong CRC is garbage. A value that is no finite number becomes
-    NaN, and its sample is flagged DEVICE_ERROR.
+    Positions are NaN. A frame with a wrong CRC is garbage. A value that is not finite becomes NaN,
+    and its sample gets the flag DEVICE_ERROR.
     """
 
     gaps_visible = True
@@ -149,9 +151,6 @@ class FourdofDecoder:
         )
 
     def _beam(self, channels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the weakest of the three sums relative to full beam, 0 to 1, shape (rows,); NaN if
-        no full beam is configured.
-        """
         if self._settings.full_sum is None:
             return np.full(len(channels), np.nan)
         weakest: NDArray[np.float64] = np.min(
@@ -168,7 +167,7 @@ def _is_whole(frame: bytes) -> bool:
 
 def _binary_rows(frames: Frames) -> _Rows:
     values = np.ascontiguousarray(frames[:, 8:44])
-    with np.errstate(invalid="ignore"):  # the received bytes may be a signalling NaN
+    with np.errstate(invalid="ignore"):  # the received bytes may contain a signalling NaN
         channels = np.where(
             frames[:, 2:3] == _INT32,
             values.view("<i4").astype(np.float64),

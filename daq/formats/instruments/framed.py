@@ -1,5 +1,5 @@
-"""`frames`: any instrument that sends a binary frame of fixed size per sample. The survey file
-describes the frame. The format `line` does the same for text lines.
+"""`frames`: any instrument that sends a binary frame of fixed size per sample; the survey file
+describes the frame.
 """
 
 import math
@@ -27,10 +27,10 @@ class FramesSettings:
     """Format of a frame and meaning of its numbers.
 
     A frame is ``sync`` (hexadecimal), the numbers of ``layout`` in their order, and a checksum over
-    all bytes from byte ``checksum_from`` to the checksum. Position in mm = number x ``scale`` x
-    ``unit``. ``lost_bits``, ``error_bits`` and ``good_bits`` are masks of ``status``: any set bit
-    of ``lost_bits`` means a lost beam, any set bit of ``error_bits`` a fault of the instrument; all
-    bits of ``good_bits`` must be set.
+    the bytes from byte ``checksum_from`` to the checksum. Position in mm = number x ``scale`` x
+    ``unit``. ``lost_bits``, ``error_bits`` and ``good_bits`` are masks of ``status``. A set bit of
+    ``lost_bits`` is a lost beam. A set bit of ``error_bits`` is a fault of the instrument. A
+    cleared bit of ``good_bits`` is a fault, too.
     """
 
     sync: str
@@ -124,9 +124,7 @@ class FramesSettings:
 
     @property
     def sync_bytes(self) -> bytes:
-        """Return the bytes at the beginning of every frame; empty if ``sync`` is not
-        hexadecimal.
-        """
+        """Return the first bytes of every frame; empty if ``sync`` is not hexadecimal."""
         try:
             return bytes.fromhex(self.sync)
         except ValueError:
@@ -134,7 +132,6 @@ class FramesSettings:
 
     @property
     def places(self) -> dict[str, Place]:
-        """Return the place of each number in the frame, by name."""
         return read_layout(self.layout, len(self.sync_bytes))[0]
 
     @property
@@ -146,11 +143,11 @@ class FramesSettings:
 
 
 class FramesDecoder:
-    """Decoder of configured binary frames (`daq.timing.samples.Decoder`).
+    """Decoder of frames that the survey file describes.
 
-    Bytes outside every frame are a garbage notice that quotes their beginning. A position that is
-    not a finite number gives a sample with the position NaN, flagged DEVICE_ERROR. If the frame has
-    no counter, the program numbers the frames, and a lost frame is not noticed.
+    Bytes outside every frame are a garbage notice that contains the first of these bytes. A
+    position that is not finite becomes NaN, and its sample gets the flag DEVICE_ERROR. Without a
+    counter in the frame the program numbers the frames, and a lost frame is not noticed.
     """
 
     def __init__(self, settings: FramesSettings) -> None:
@@ -234,7 +231,6 @@ class FramesDecoder:
 
 
 def _wraps(counter: Place | None) -> Sequence[Wrap]:
-    """Return the range of the counter, from the number of its bits and its sign."""
     if counter is None or counter.size == 8:
         return ()
     values = 1 << 8 * counter.size

@@ -1,8 +1,8 @@
 """`ids3010`: attocube IDS3010 fibre interferometers, JSON-RPC 2.0 over TCP 9090, polled.
 
 Built from the maker's public interface (attocube-systems/IDS-APIs @e0fd387, 2025), not yet tested
-on the instrument. Every request has an id, and the answer repeats this id, so that no answer is
-assigned to another request.
+on the instrument. Every request has an id, and the answer repeats the id, so no answer is assigned
+to another request.
 """
 
 from dataclasses import dataclass
@@ -20,9 +20,10 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ids3010Settings:
-    """Settings for an IDS3010. ``axis`` counts from 1. ``interface`` is ``sen`` since firmware 2,
-    ``ids`` before. The beam strength is the contrast (per mille) divided by ``contrast_full``; the
-    beam is lost below ``beam_threshold``. With ``air`` the environmental unit is read too.
+    """Settings for an IDS3010. ``axis`` counts from 1. ``interface`` is ``sen`` for firmware 2 and
+    later, ``ids`` for older firmware. The beam strength is the contrast (per mille) divided by
+    ``contrast_full``; the beam is lost below ``beam_threshold``. ``air`` reads the environmental
+    unit, too.
     """
 
     axis: Literal[1, 2, 3] = 1
@@ -68,8 +69,8 @@ _MM = 1e-9
 _UNKNOWN_METHOD = -32601
 """Error code of an unknown method (JSON-RPC 2.0, section 5.1)."""
 _INVALID_AXES, _OVERDRIVEN = range(1, 8), 8
-"""Numbers of the instrument's warnings: 1 to 7 have a set bit for every axis that is not valid, 8
-means overdriven.
+"""Numbers of the instrument's warnings: in 1 to 7 a set bit marks an axis that is not valid; 8
+means saturation.
 """
 
 
@@ -83,9 +84,7 @@ _decode = msgspec.json.Decoder(_Answer).decode
 
 
 class Ids3010Decoder:
-    """Decoder of an IDS3010 (`daq.timing.samples.AskingDecoder`). The host numbers the readings; a
-    lost answer is not noticed here.
-    """
+    """Decoder of an IDS3010. The host numbers the readings; a lost answer is not noticed."""
 
     gaps_visible = False
 
@@ -149,9 +148,6 @@ class Ids3010Decoder:
             self._refused(answer, line, batch)
 
     def _refused(self, answer: _Answer, line: bytes, batch: Batch) -> None:
-        """Process an answer that lacks the requested value. If the value is the position, add an
-        unusable sample.
-        """
         error = answer.error if isinstance(answer.error, dict) else {}
         why = error.get("message")
         quoted = quote(why.encode()) if isinstance(why, str) else quote(line)

@@ -1,10 +1,10 @@
-"""`lasertex`: Lasertex HPI-3D and Status Pro uLine F1 machine tool lasers, a USB serial line of 3
+"""`lasertex`: Lasertex HPI-3D and Status Pro uLine F1 machine tool lasers on a USB serial line of 3
 Mbaud.
 
 Built from the public implementation l-pio/pylinef1 (@ba679cd, 2022), not yet tested on the
-instrument. The 8 bytes of a frame to the device are AA, two bytes of command, four zeros, CRC. The
-16 bytes of a frame from the device are AA, command, twelve bytes of data, CRC. The CRC is
-CRC-8/NRSC-5 over all preceding bytes of the frame.
+instrument. A frame to the device has 8 bytes: AA, two bytes of command, four zeros, CRC. A frame
+from the device has 16 bytes: AA, command, twelve bytes of data, CRC. The CRC is CRC-8/NRSC-5 over
+the preceding bytes of the frame.
 """
 
 from collections.abc import Callable
@@ -25,8 +25,8 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LasertexSettings:
-    """Settings of a Lasertex laser. ``level_full`` is the level (a byte without a stated unit) at
-    full beam; the beam is lost below this level times ``beam_threshold``.
+    """Settings of a Lasertex laser. ``level_full`` is the signal level at full beam (a byte; the
+    source has no unit). The beam is lost below ``level_full`` times ``beam_threshold``.
     """
 
     level_full: float = 100.0
@@ -62,10 +62,10 @@ _STOP_ALL, _CLEAR_SIGNAL, _CLEAR_VELOCITY, _DISTANCE_ON, _WEATHER_ON = (
     0xB079,
 )
 _ANSWERED = range(0xB030, 0xB080)
-"""Commands that the device acknowledges by repeating them."""
+"""Commands that the device acknowledges by repeating the command."""
 _VALUE = Place(3, 7, "i")
 _MM = 1e-7
-"""Step of the distance in mm: 100 pm."""
+"""Unit of the distance in mm: 100 pm."""
 _SPEED_BYTE, _SPEED = 12, 0x08
 _STATE_BYTE, _LASER_READY, _SIGNAL_GOOD = 13, 0x01, 0x08
 _LEVEL_BYTE = 14
@@ -73,17 +73,16 @@ _AIR_SENSOR = 0
 
 
 def command(code: int) -> bytes:
-    """Return the frame that sends a command without data."""
     frame = _SYNC + code.to_bytes(2, "big") + bytes(4)
     return frame + bytes((_CRC.of(frame),))
 
 
 class LasertexDecoder:
-    """Decoder of a Lasertex laser (`daq.timing.samples.GreetingDecoder`).
+    """Decoder of a Lasertex laser.
 
-    The laser has no sample counter: the host numbers the readings, and a lost reading is not seen.
-    The values of the laser's sensors of air and material are remarks with the code ``environment``.
-    The material temperature is the mean of the last values of all material sensors.
+    The laser has no sample counter: the host numbers the readings, and a lost reading is not
+    noticed. The values of the laser's sensors of air and material are ``environment`` notices. The
+    material temperature is the mean of the last values of all material sensors.
     """
 
     gaps_visible = False
@@ -103,8 +102,9 @@ class LasertexDecoder:
         self._frames.clear()
 
     def responder(self) -> Callable[[bytes], bytes]:
-        """Return a function that answers received bytes: the laser keeps the flags of a lost beam
-        until a command clears them. The link sends this command only after it received the flags.
+        """Return a function that computes the answer to received bytes. The laser keeps the flags
+        of a lost beam until a command clears the flags; the answer contains this command after the
+        flags are received.
         """
         frames = FrameBuffer(_SYNC, _SIZE, _is_whole)
 
@@ -135,7 +135,6 @@ class LasertexDecoder:
         return batch.samples(arrival_ns)
 
     def _take(self, code: int, frames: Frames, batch: Batch) -> None:
-        """Add the samples or remarks of consecutive frames of one kind to the batch."""
         if code == _DISTANCE:
             self._add(frames, batch)
         elif code == _WEATHER:
@@ -162,8 +161,8 @@ class LasertexDecoder:
         )
 
     def _hear_weather(self, frame: bytes, batch: Batch) -> None:
-        """Process the report of a sensor. Its fields are sensor number, temperature in 0.01 C,
-        humidity in %, battery, link, and pressure in 10 Pa.
+        """Process the report of a sensor: sensor number, temperature in 0.01 C, humidity in %,
+        battery, link, and pressure in 10 Pa.
         """
         sensor, temperature_c = (
             frame[3],
@@ -195,6 +194,5 @@ def _code(frame: NDArray[np.uint8]) -> int:
 
 
 def _runs(codes: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Return the begin and end of every run of equal codes."""
     edges = [0, *(np.flatnonzero(np.diff(codes)) + 1).tolist(), len(codes)]
     return list(pairwise(edges))

@@ -1,9 +1,8 @@
 """`line`: any instrument that sends an ASCII line per sample; the survey file describes the line.
 
-This format serves instruments whose wire format is not public: a regular expression with the named
-groups ``position``, ``counter`` and ``beam`` gives the places of the numbers. The match takes a
-time linear in the length of the line (RE2), so a line without a comma cannot delay the recording
-for minutes; features that RE2 lacks (looking ahead or behind, references to groups) are refused.
+A regular expression with the named groups ``position``, ``counter`` and ``beam`` selects the
+numbers of the line. RE2 matches in a time linear in the length of the line, so no line can delay
+the recording; RE2 refuses looking ahead or behind and references to groups.
 """
 
 import math
@@ -31,13 +30,13 @@ from stepdiag.daq.timing.samples import Flag, Samples
 class LineSettings:
     """Format of a line and meaning of its numbers.
 
-    ``pattern`` must match the whole line, terminator excluded. Its group ``position`` is required;
-    ``counter`` and ``beam`` are optional. Position in mm = number x ``scale`` x ``unit``; the unit
-    ``counts`` is half a vacuum wavelength divided by ``optics``. ``counter_modulus`` is the number
-    of values of the counter before it repeats (None: never); the counter may be signed or unsigned.
-    The beam strength is the number of ``beam`` divided by ``beam_full``; the beam is lost below
-    ``beam_threshold`` (0 to 1), and weak below twice this threshold. ``rate_hz`` is the sample rate
-    from the data sheet, None if unknown.
+    ``pattern`` must match the whole line without its terminator. The group ``position`` is
+    required; the groups ``counter`` and ``beam`` are optional. Position in mm = number x ``scale``
+    x ``unit``; the unit ``counts`` is half a vacuum wavelength divided by ``optics``.
+    ``counter_modulus`` is the number of values of the counter before the counter repeats (None:
+    never); the counter may be signed. The beam strength is the number of ``beam`` divided by
+    ``beam_full``. The beam is lost below ``beam_threshold`` (0 to 1), and weak below twice
+    ``beam_threshold``. ``rate_hz`` is the sample rate from the data sheet, None if unknown.
     """
 
     pattern: str
@@ -111,8 +110,8 @@ LONGEST_QUOTE = 200
 MOST_MEMORY_BYTES = 4_000_000
 """Largest memory of a pattern in bytes; a larger pattern is refused."""
 SAME_LINES = 1024
-"""Number of parsed lines in the cache: a laser that hangs repeats a line, and a compressed log may
-hold several such lines per byte.
+"""Number of parsed lines in the cache. A faulty laser can repeat the same line, and a compressed
+log can contain several such lines per byte.
 """
 _NUMBER = re.compile(
     r"\s*(?P<sign>[+-]?)\s*(?P<digits>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?)\s*"
@@ -128,12 +127,12 @@ class _Row:
 
 
 class LineDecoder:
-    """Decoder of configured ASCII lines (`daq.timing.samples.Decoder`).
+    """Decoder of ASCII lines that the survey file describes.
 
-    A line that does not match, or whose counter is no number, is a garbage notice. A matching line
-    whose position is no number gives a sample with the position NaN, flagged DEVICE_ERROR. The
-    first line of a stream may lack its beginning: its sample is flagged OUT_OF_RANGE. Without a
-    counter in the line the program numbers the lines, and a lost line is not noticed.
+    A line that does not match, or whose counter is no number, is a garbage notice. A position that
+    is no number becomes NaN, and its sample gets the flag DEVICE_ERROR. The first line of a stream
+    may lack its beginning: its sample gets the flag OUT_OF_RANGE. Without a counter in the line the
+    program numbers the lines, and a lost line is not noticed.
     """
 
     def __init__(self, settings: LineSettings) -> None:
@@ -161,9 +160,6 @@ class LineDecoder:
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete line, and skip the rest of this line: the stream was
-        interrupted.
-        """
         self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
@@ -209,9 +205,6 @@ class LineDecoder:
     def _numbered(
         self, parsed: Sequence[tuple[float, str | None, float]]
     ) -> list[_Row] | None:
-        """Return the rows of parsed lines, numbered by the counter in the lines or, without a
-        counter, by the program; None if a line lacks its counter.
-        """
         rows = []
         for number, (position, counter, beam) in enumerate(parsed, self._number + 1):
             count = self._count(counter) if self.gaps_visible else number
@@ -221,9 +214,6 @@ class LineDecoder:
         return rows
 
     def _parse(self, line: bytes) -> _Row | None:
-        """Return the numbers of a line, NaN for missing numbers; None if the line does not
-        match.
-        """
         parsed = self._parsed(line)
         rows = None if parsed is None else self._numbered([parsed])
         if rows is None:
@@ -232,16 +222,13 @@ class LineDecoder:
         return rows[0]
 
     def _read(self, line: bytes) -> tuple[float, str | None, float] | None:
-        """Return the values of a line (position, raw counter, beam); None if the line does not
-        match.
-        """
         try:
             text = line.decode(self._settings.encoding).strip("\r\n")
         except UnicodeDecodeError:
             return None
         found = (
             self._pattern.fullmatch(text.encode()) if len(line) <= LINE_CAP else None
-        )  # RE2 works on UTF-8, so matching bytes is twice as fast as matching text
+        )  # RE2 works on UTF-8, so matching bytes takes half the time of matching text
         if found is None:
             return None
         fields = [None if place is None else found[place] for place in self._places]
@@ -268,7 +255,6 @@ class LineDecoder:
     def _columns(
         self, rows: Sequence[_Row]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint16]]:
-        """Return positions in mm, beams from 0 to 1 and flags, each of shape (rows,)."""
         position_mm = np.array([row.position for row in rows], dtype=np.float64) * self._mm
         beam = np.clip(
             np.array([row.beam for row in rows], dtype=np.float64) / self._settings.beam_full,
@@ -285,8 +271,8 @@ def _counts(rows: Sequence[_Row]) -> NDArray[np.int64]:
 
 
 def line_pattern(pattern: str, where: str) -> Any:
-    """Return a pattern ready to match. Raises UsageError for a pattern that RE2 does not support;
-    ``where`` names the pattern.
+    """Return the compiled pattern. Raises UsageError for a pattern that RE2 does not support;
+    ``where`` is the field of the pattern.
     """
     options = re2.Options()
     options.log_errors = False
@@ -312,8 +298,5 @@ def _shortened(text: str) -> str:
 
 
 def _number(text: str | None) -> float:
-    """Return the number of a text, in which blanks may stand between sign and digits; NaN without a
-    number.
-    """
     found = _NUMBER.fullmatch(text) if text is not None else None
     return float(found["sign"] + found["digits"]) if found else float("nan")

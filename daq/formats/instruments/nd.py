@@ -1,5 +1,6 @@
-"""`nd`: Heidenhain ND position displays over RS-232, polled (reference: instruments 1.B; ND 287, ND
-281 B, ND 720 manuals)."""
+"""`nd`: Heidenhain ND position displays over RS-232, polled (reference: instruments 1.B; manuals of
+ND 287, ND 281 B, ND 720).
+"""
 
 import re
 from dataclasses import dataclass
@@ -18,9 +19,9 @@ from stepdiag.daq.timing.samples import Flag, Samples
 class NdSettings:
     """Settings of an ND display.
 
-    ``value`` chooses the current value (in whole steps of ``resolution_mm``, which is a setting of
-    the device) or the displayed value (with a decimal point, in ``unit``). ``axis`` is the number
-    of the line in an answer, from 1, on displays with several axes.
+    ``value`` selects the current value (whole steps of ``resolution_mm``, a setting of the display)
+    or the displayed value (with a decimal point, in ``unit``). ``axis`` is the number of the line
+    in an answer, from 1, for displays with several axes.
     """
 
     value: Literal["current", "displayed"] = "current"
@@ -54,7 +55,7 @@ class NdSettings:
 
 
 ANSWER_CAP = 256
-"""Longest line of an answer in bytes; the longest line in the manual, an error text, has the length
+"""Longest line of an answer in bytes; the longest line in the manual is an error text of the length
 of the display.
 """
 
@@ -70,11 +71,11 @@ _MM_PER_UNIT = {"mm": 1.0, "inch": 25.4}
 
 
 class NdDecoder:
-    """Decoder of an ND display (`daq.timing.samples.PolledDecoder`).
+    """Decoder of an ND display.
 
-    An answer is STX, then a line per axis, ended by CR LF. NAK, or text in the place of the value,
-    gives a sample with the position NaN, flagged DEVICE_ERROR, and a notice. The host numbers the
-    answers; a lost answer is not noticed here.
+    An answer is STX, then a line per axis, ended by CR LF. NAK, or a text instead of a number,
+    gives a notice and a sample with position NaN and flag DEVICE_ERROR. The host numbers the
+    answers; a lost answer is not noticed.
     """
 
     gaps_visible = False
@@ -90,7 +91,7 @@ class NdDecoder:
         self._mm = settings.sign * unit_mm
         self._line = bytearray()
         self._axis = 0
-        """The axis of the next line, counted from 1; 0 outside an answer."""
+        """The axis of the next line, from 1; 0 outside an answer."""
         self._number = 0
         self.request = _REQUESTS[settings.value]
         self.poll_interval_s = 1 / settings.poll_hz
@@ -102,7 +103,6 @@ class NdDecoder:
         self._axis = 0
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the answers that ``chunk`` completes, one sample per answer."""
         batch = Batch()
         for byte in chunk:
             self._take(byte, batch)

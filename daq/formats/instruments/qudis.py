@@ -1,9 +1,9 @@
 """`qudis`: quTools quDIS fibre interferometers, binary telegrams over TCP 2101.
 
 Built from the maker's public protocol (bmonk-anl/qudisAsyn @a5cb69b, ``protocol/``), not yet tested
-on the instrument. A telegram is five little-endian words {length of the rest, opcode, address,
-index, correlation} and data. A reading is two words. Each word holds one half of a 48-bit position
-in pm, and one half of a 14-bit counter of the rising and falling edges at the marker input.
+on the instrument. A telegram is five little-endian words (length of the rest, opcode, address,
+index, correlation) and data. A reading has two words. Each word contains one half of a 48-bit
+position in pm, and one half of a 14-bit counter of the edges at the marker input.
 """
 
 import struct
@@ -24,7 +24,7 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QudisSettings:
-    """Settings of a quDIS. ``axis`` counts from 1. Readings are means over 40 us x 2^``average``.
+    """Settings of a quDIS. ``axis`` counts from 1. A reading is a mean over 40 us x 2^``average``.
     ``absolute`` requests absolute distances from an instrument with this feature.
     """
 
@@ -77,18 +77,17 @@ _LOW24, _MARKER7, _HIGH_MARK = 0xFFFFFF, 0x7F, 1 << 31
 def telegram(
     opcode: int, address: int, index: int = 0, *data: int, correlation: int = 0
 ) -> bytes:
-    """Return a telegram as it goes over the wire."""
     return _HEADER.pack(
         16 + 4 * len(data), opcode, address, index, correlation
     ) + struct.pack(f"<{len(data)}i", *data)
 
 
 class QudisDecoder:
-    """Decoder of a quDIS (`daq.timing.samples.GreetingDecoder`). ``channels`` (rows, 1) is the
-    marker counter: odd while the input is high.
+    """Decoder of a quDIS. ``channels``, shape (rows, 1), is the counter of the marker input: odd
+    while the input is high.
 
-    The protocol reports neither the signal strength nor a lost beam: only the size of a step shows
-    a lost count.
+    The protocol reports neither signal strength nor a lost beam: only the size of a step shows a
+    lost count.
     """
 
     gaps_visible = True
@@ -174,7 +173,7 @@ class QudisDecoder:
 
     def _hear_source(self, source: int, batch: Batch) -> None:
         """Check the reported content of channel 0: an instrument without the requested axis or
-        measuring mode keeps another content.
+        measuring mode reports another content.
         """
         self._other_source = source != self._source
         if self._other_source:
@@ -210,10 +209,6 @@ class QudisDecoder:
 
 
 class _TelegramBuffer:
-    """Holds the incomplete telegram at the end of a stream; skips bytes that cannot begin a
-    telegram.
-    """
-
     def __init__(self) -> None:
         self._held = b""
         self._junk = b""

@@ -1,5 +1,6 @@
 """`tqd`: Thorlabs KPA101 and TPA101 quadrant detectors, APT binary protocol, polled (reference:
-instruments 1.C)."""
+instruments 1.C).
+"""
 
 import struct
 from dataclasses import dataclass
@@ -15,8 +16,8 @@ from stepdiag.daq.timing.samples import Flag, Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TqdSettings:
-    """Settings of a quadrant detector. ``full_sum_v`` is the sum signal at full beam in volts; the
-    beam is lost below this sum times ``beam_threshold``, and weak below twice this limit.
+    """Settings of a quadrant detector. ``full_sum_v`` is the sum signal at full beam in volts. The
+    beam is lost below ``full_sum_v`` times ``beam_threshold``, and weak below twice this limit.
     """
 
     poll_hz: float = 50.0
@@ -54,16 +55,16 @@ the parameter.
 _ANSWER_SIZE = 18
 _FULL_SCALE = 32767
 _VOLTS_PER_COUNT = np.array([10.0, 10.0, 20.0]) / _FULL_SCALE
-"""Volts per count of the x difference, the y difference and the sum: the differences span 10 V, the
-sum 20 V.
+"""Volts per count of x difference, y difference and sum: the differences have a range of 10 V, the
+sum of 20 V.
 """
 
 
 class TqdDecoder:
-    """Decoder of a quadrant detector (`daq.timing.samples.PolledDecoder`).
+    """Decoder of a quadrant detector.
 
     ``channels`` has shape (count, 3): x difference, y difference and sum in volts, with the signs
-    that the unit sends (it is known to invert x; the calibration of the head finds the sign).
+    of the unit. The unit is known to invert x; the calibration of the head finds the sign.
     Positions are NaN. The host numbers the answers.
     """
 
@@ -82,8 +83,8 @@ class TqdDecoder:
         self._frames.clear()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the answers that ``chunk`` completes, one sample per answer. Other messages of the
-        unit are garbage notices.
+        """Return the answers that ``chunk`` completes, one sample per answer. A message that is no
+        answer is a garbage notice.
         """
         batch = Batch()
         for part in self._frames.feed(chunk):

@@ -1,7 +1,7 @@
-"""Protocols whose libraries wait for their answers: one thread per connection waits, and the event
-loop awaits the results of this thread.
+"""Protocols whose libraries block until an answer arrives: each connection has a thread that waits,
+and the event loop awaits the result.
 
-A library that hangs blocks only this thread: after a time limit the caller gets an error and closes
+A library that hangs blocks only this thread. After a time limit the caller gets an error and closes
 the library, which ends the thread.
 """
 
@@ -29,7 +29,7 @@ from stepdiag.daq.timing.host_clock import stamp_ns
 
 Result = TypeVar("Result")
 CONNECT_S = 5.0
-"""Longest time for connecting in s, enough for a dozen requests and answers."""
+"""Longest time in s for connecting, enough for a dozen requests and answers."""
 _PATIENCE = 3.0
 """Longest time of a poll as a multiple of plc.timeout_s, which limits the wait for each part of a
 poll.
@@ -44,8 +44,8 @@ class _Job:
 
 
 class Waiter:
-    """The thread of a connection. ``hang_up`` is called from another thread and ends a running
-    call; ``close`` is the last call in the thread.
+    """The thread of a connection. ``hang_up`` runs in another thread and ends a running call;
+    ``close`` is the last call in the thread.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Waiter:
         future: asyncio.Future[Result] = loop.create_future()
 
         def later(settle: Callable[[Any], None], outcome: Any) -> None:
-            with suppress(RuntimeError):  # the event loop has ended meanwhile
+            with suppress(RuntimeError):  # the event loop may have ended
                 loop.call_soon_threadsafe(lambda: None if future.done() else settle(outcome))
 
         self._jobs.put(
@@ -77,7 +77,6 @@ class Waiter:
         return await asyncio.wait_for(future, limit_s)
 
     def end(self) -> None:
-        """End the thread and a call that may be running."""
         self._jobs.put(None)
         self._hang_up()
 
@@ -89,13 +88,13 @@ class Waiter:
                 job.failed(error)
             else:
                 job.done(value)
-        with suppress(Exception):  # no caller waits for the result any more
+        with suppress(Exception):  # no caller waits for this result
             self._close()
 
 
 class BlockingLink(ABC):
-    """A link over a library that waits for answers. A protocol defines how to read a range
-    (`_fetch`) and how to write a word (`_write`).
+    """A link over a library that blocks. A protocol defines how to read a range (`_fetch`) and how
+    to write a word (`_write`).
     """
 
     def __init__(
@@ -127,16 +126,15 @@ class BlockingLink(ABC):
 
     @abstractmethod
     def _fetch(self, wanted: ReadRange) -> bytes:
-        """Request the bytes of a range; called in the thread. Raises RefusedRequestError if the
-        control refuses the range.
+        """Request the bytes of a range, in the thread. Raises RefusedRequestError if the control
+        refuses the range.
         """
 
     @abstractmethod
     def _write(self, table: str, address: int, value: int) -> None:
-        """Write a word into the control; called in the thread."""
+        """Write a word into the control, in the thread."""
 
     def _fetch_all(self) -> list[bytes]:
-        """Return the bytes of all ranges; no bytes for a refused range."""
         return [self._fetch_or_refuse(wanted) for wanted in self._ranges]
 
     def _fetch_or_refuse(self, wanted: ReadRange) -> bytes:
@@ -148,9 +146,6 @@ class BlockingLink(ABC):
         return self._whole(wanted, data)
 
     def _whole(self, wanted: ReadRange, data: bytes) -> bytes:
-        """Return the bytes of a range. Raises StaleAnswerError if the number of bytes differs from
-        the request.
-        """
         if len(data) != wanted.byte_count:
             remedy = message("do-made-anew")
             found = message(
@@ -171,8 +166,8 @@ class BlockingLink(ABC):
         return ModbusBlock(send_ns, stamp_ns(), self._ranges, data)
 
     async def _within(self, work: Callable[[], Result]) -> Result:
-        """Run ``work`` in the thread. An answer that is not complete in time is abandoned like a
-        missing answer.
+        """Run ``work`` in the thread. An incomplete answer at the time limit counts as a missing
+        answer.
         """
         limit_s = _PATIENCE * self._timeout_s + 1.0
         try:
@@ -198,7 +193,6 @@ async def opened(
 
 
 def silent(address: str, waited_s: float) -> LostConnectionError:
-    """Return the error for an answer that is missing or incomplete."""
     remedy = message("do-overloaded")
     return LostConnectionError(
         address,
@@ -209,7 +203,6 @@ def silent(address: str, waited_s: float) -> LostConnectionError:
 
 
 def not_installed(address: str, extra: str) -> LostConnectionError:
-    """Return the error for a library that is not installed."""
     found = message("found-no-extra", name=extra)
     return LostConnectionError(
         address,
@@ -229,7 +222,6 @@ def hang_up(connection: socket.socket | None) -> None:
 def unreachable(
     error: OSError, waited_s: float, protocol: Words, firewall: Message
 ) -> tuple[Words, Message]:
-    """Return the reason why there is no connection, and the remedy."""
     if isinstance(error, socket.gaierror):
         return message("found-no-name"), message("do-plc-host")
     code = errno.ETIMEDOUT if isinstance(error, TimeoutError) else error.errno or 0

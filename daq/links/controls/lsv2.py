@@ -1,6 +1,6 @@
 """Heidenhain controls over LSV2 (TCP 19000): the only user of pyLSV2 (extra ``stepdiag[lsv2]``).
 
-Values that the NC program passes to the PLC with FN 19 lie in the PLC's memory as double words, low
+Values that the NC program passes to the PLC with FN 19 are double words in the PLC's memory, low
 byte first. Reading this memory needs the login PLCDEBUG. The library's safe mode excludes this
 login together with writing, so safe mode is off; this module never writes.
 """
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from pyLSV2 import LSV2
 
 _LARGEST_ANSWER = 1_000_000
-"""Largest answer in bytes: a read of a PLC's memory is 255 bytes, but a network can send gigabytes
-while the connection is still being made.
+"""Largest answer in bytes. A read of a PLC's memory has 255 bytes, but a faulty device can send
+gigabytes while the connection is being made.
 """
 _MEMORIES = {"B": "BYTE", "M": "MARKER", "I": "INPUT", "O": "OUTPUT"}
 _FIREWALL = message("firewall-lsv2")
@@ -46,21 +46,16 @@ _FIREWALL = message("firewall-lsv2")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lsv2Settings:
-    """Settings of a control with LSV2."""
-
     host: str
     port: int = 19000
     timeout_s: float = 0.3
 
     @property
     def address(self) -> str:
-        """Address of the control as a text for messages."""
         return f"LSV2 {self.host}:{self.port}"
 
 
 class Lsv2Link(BlockingLink):
-    """A connection to the control, made by `open_link`, ended by ``close``."""
-
     def __init__(
         self,
         settings: Lsv2Settings,
@@ -116,24 +111,23 @@ class Lsv2Link(BlockingLink):
 
 @dataclass(slots=True)
 class _Line:
-    """The socket given to the library. A connection that ends within an answer raises an error, and
-    an answer has a largest length.
+    """The socket for the library. A connection that ends within an answer raises an error, and an
+    answer has a largest length.
 
-    (Without this class the library would read from an ended connection for ever, and reserve as
-    much memory as the other side states.)
+    Without this class the library reads from an ended connection for ever, and allocates as much
+    memory as the device requests.
     """
 
     socket: Any
     answered: int = 0
 
     def send(self, data: bytes) -> int:
-        """Send a request, and count the bytes of its answer from zero."""
         self.answered = 0
         return int(self.socket.send(data))
 
     def recv(self, count: int) -> bytes:
         """Return the bytes that have arrived. Raises ConnectionResetError at the end of the
-        connection, ValueError for too long an answer.
+        connection, ValueError for a too long answer.
         """
         data: bytes = self.socket.recv(min(count, LARGEST_READ))
         if not data:
@@ -148,8 +142,8 @@ class _Line:
 
 
 async def open_link(settings: Lsv2Settings, ranges: Sequence[ReadRange]) -> Lsv2Link:
-    """Connect to the control, to read its ``ranges``. Raises LostConnectionError with the reason of
-    a failure.
+    """Connect to the control, to read ``ranges``. Raises LostConnectionError with the reason of a
+    failure.
     """
     try:
         from pyLSV2 import LSV2
@@ -226,7 +220,7 @@ def _senseless(address: str, error: Exception) -> DeviceError:
     """Return the error for an answer outside the protocol, for which the library may raise any
     error.
 
-    The connection is then closed: answers have no number, and the rest of this answer would be read
+    The connection is then closed: answers have no number, so the rest of the answer would be read
     as the next answer.
     """
     remedy = message("do-other-product")
@@ -237,7 +231,6 @@ def _senseless(address: str, error: Exception) -> DeviceError:
 
 
 def _answer_of(client: "LSV2") -> Message:
-    """Return the message for the control's last refusal."""
     return message("found-refusal", what=client.last_error.e_code.name)
 
 
@@ -251,10 +244,10 @@ def _is_of_others(record: logging.LogRecord) -> bool:
 
 
 def _hush() -> None:
-    """Keep the library's log entries, some of them from the root logger, out of the journal: the
-    reconnector reports the errors once.
+    """Keep the library's log entries out of the journal, because the reconnector reports each error
+    once. Some entries come from the root logger.
     """
     for name in ("LSV2 Client", "LSV2 TCP"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     root = logging.getLogger()
-    root.addFilter(_is_of_others)  # the function acts once, however often it is called
+    root.addFilter(_is_of_others)  # adding the same function again has no effect

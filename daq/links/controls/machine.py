@@ -1,6 +1,4 @@
-"""The common interface to every control: open a link, read, perhaps write, and close, whatever the
-protocol.
-"""
+"""The common interface of all controls, for every protocol: open a link, read, write, and close."""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -14,8 +12,6 @@ MachineSettings = modbus.ModbusSettings | s7.S7Settings | lsv2.Lsv2Settings
 
 
 class MachineLink(Protocol):
-    """One connection to a control."""
-
     lateness: Lateness
 
     @property
@@ -24,7 +20,7 @@ class MachineLink(Protocol):
         ...
 
     async def read(self) -> ModbusBlock:
-        """Poll the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
+        """Poll the ranges. A refused range has no data (``b""``) and is listed in ``refusals``.
 
         Raises RefusedRequestError if every range is refused, another DeviceError if the control
         does not answer.
@@ -35,14 +31,12 @@ class MachineLink(Protocol):
         """Write the low 16 bits of ``value``. Raises the errors of ``read``."""
         ...
 
-    def close(self) -> None:
-        """Close the connection to the control."""
-        ...
+    def close(self) -> None: ...
 
 
 async def open_machine(settings: MachineSettings, ranges: Sequence[ReadRange]) -> MachineLink:
-    """Connect to the control, to read its ``ranges``. Raises DeviceError if the control is absent
-    or refuses.
+    """Connect to the control, to read ``ranges``. Raises DeviceError if the control is absent or
+    refuses.
     """
     if isinstance(settings, s7.S7Settings):
         return await s7.open_link(settings, ranges)

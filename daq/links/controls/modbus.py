@@ -1,8 +1,8 @@
 """The machine's Modbus: the only user of pymodbus (3.16; its API changes within a major version).
 
-One connection reads a block of ranges with the same requests at every poll. The wait for answers is
-short, and pymodbus repeats no request: a failed poll is reported as failed, and the next poll reads
-the present values.
+One connection reads a block of ranges with the same requests at every poll. pymodbus repeats no
+request: a poll without an answer fails after a short wait, and the next poll reads the present
+values.
 """
 
 import asyncio
@@ -40,20 +40,20 @@ from stepdiag.daq.timing.host_clock import stamp_ns
 
 logging.getLogger("pymodbus.logging").setLevel(
     logging.CRITICAL
-)  # pymodbus's messages return as errors, which the reconnector reports once
+)  # failures of pymodbus are raised as errors, and the reconnector reports each error once
 
 _FIREWALL = message("firewall-modbus")
 CONNECT_S = 2.0
-"""Least time for connecting in s, however short the time-out for answers: TCP repeats a lost first
-packet after one second (RFC 6298, 2.1).
+"""Least time in s for connecting, even if the time-out for answers is shorter: TCP repeats a lost
+first packet after one second (RFC 6298, 2.1).
 """
 RTU_WORST_ANSWER_S = 1.0
-"""Longest wait in s for a late answer on a serial line; an answer after this time is recognised by
+"""Longest wait in s for a late answer on a serial line. An answer after this time is recognised by
 its length.
 """
 _ATTEMPTS_TO_GET_IN_STEP = 3
-"""Number of probes (`_probe`) before the link is abandoned; from the second probe on, the wait
-before each is `RTU_WORST_ANSWER_S`.
+"""Number of probes (`_probe`) before the link is closed. From the second probe on, the link waits
+`RTU_WORST_ANSWER_S` before each probe.
 """
 _WRITE_REGISTERS = 0x10
 _READS: dict[str, tuple[str, int]] = {
@@ -67,8 +67,6 @@ Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TcpSettings:
-    """Settings of a Modbus server on the network."""
-
     host: str
     port: int = 502
     unit: int = 1
@@ -77,7 +75,6 @@ class TcpSettings:
 
     @property
     def address(self) -> str:
-        """Address of the device as a text for messages."""
         return f"Modbus {self.host}:{self.port} unit {self.unit}"
 
 
@@ -97,7 +94,6 @@ class RtuSettings:
 
     @property
     def address(self) -> str:
-        """Address of the device as a text for messages."""
         return f"Modbus {self.port} unit {self.unit}"
 
 
@@ -105,12 +101,12 @@ ModbusSettings = TcpSettings | RtuSettings
 
 
 class ModbusLink:
-    """A connection to the machine; made by `open_link`, ended by ``close``.
+    """A connection to the machine, made by `open_link`, ended by ``close``.
 
     A serial line carries no transaction number: without a check, a late answer would be assigned to
-    the next request, and every later answer to the request after its own, without an error. So
-    every answer must have the expected length. After an answer of another length the line is
-    synchronised before the next request.
+    the next request, and every later answer to a wrong request, without an error. So every answer
+    must have the expected length. After an answer of another length the line is synchronised before
+    the next request.
     """
 
     def __init__(
@@ -147,7 +143,7 @@ class ModbusLink:
         return ModbusBlock(send_ns, recv_ns, self._ranges, data)
 
     async def write_word(self, table: str, address: int, value: int) -> None:  # noqa: ARG002 - a control takes words in holding registers alone
-        """Write the low 16 bits of ``value`` into a holding register, with function code 10h, which
+        """Write the low 16 bits of ``value`` into a holding register with function code 10h, which
         every writable control supports.
 
         Raises the errors of ``read``.
@@ -200,12 +196,13 @@ class ModbusLink:
         )
 
     async def _exchange(self, request: Callable[[], Awaitable[ModbusPDU]]) -> ModbusPDU:
-        """Send a request and await its answer. Until the caller has checked the answer, and after a
-        cancellation, answers may belong to earlier requests.
+        """Send a request and await its answer. After a cancelled request, the next answer may
+        belong to this request, so the link counts as unsynchronised until the caller has checked
+        the answer.
         """
         self._in_step = isinstance(self._settings, TcpSettings)
         try:
-            answer = await request()  # without a connection ``request`` itself raises
+            answer = await request()  # without a connection ``request`` raises the error
         except (ModbusException, OSError) as error:
             self.lateness.given_up()
             if self._client.connected:
@@ -223,9 +220,9 @@ class ModbusLink:
     async def _get_in_step(self) -> None:
         """Ensure that the next answer belongs to the next request.
 
-        Late answers are awaited and discarded. Then a probe is sent, a read with a length that no
-        range has, and an answer of this length is the probe's answer. A slave answers in order, so
-        no older answer can follow. An exception counts as the probe's answer too.
+        Late answers are awaited and discarded. Then a probe is sent: a read with a length that no
+        range has. An answer of this length, or an exception, is the answer to the probe. A slave
+        answers in order, so no older answer can follow.
         """
         for _ in range(_ATTEMPTS_TO_GET_IN_STEP):
             if self._in_step:
@@ -242,8 +239,8 @@ class ModbusLink:
 
 
 async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> ModbusLink:
-    """Connect to the machine, to read its ``ranges``. Raises LostConnectionError for a missing
-    device or port.
+    """Connect to the machine, to read ``ranges``. Raises LostConnectionError for a missing device
+    or port.
     """
     lateness = Lateness(numbered=isinstance(settings, TcpSettings))
     client = _client(settings, lateness)
@@ -260,11 +257,11 @@ async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> Mo
 
 
 async def _nobody(settings: ModbusSettings) -> LostConnectionError:
-    """Return the reason for a missing connection. The library hides the reason, so this function
+    """Return the reason for a missing connection. pymodbus hides the reason, so this function
     connects once more.
 
     Looking up the host's name has no time limit: if the name server does not answer, the thread of
-    the look-up is left running.
+    the look-up keeps running.
     """
     if isinstance(settings, TcpSettings):
         asking = Waiter("modbus again", lambda: None, lambda: None)
@@ -288,14 +285,14 @@ async def _nobody(settings: ModbusSettings) -> LostConnectionError:
 
 
 def answer_within(client: Client, timeout_s: float) -> None:
-    """Set the client's time limit for answers; while connecting, the same setting limits the time
+    """Set the client's time limit for answers. While connecting, the same setting limits the time
     for connecting.
     """
     client.ctx.comm_params.timeout_connect = timeout_s
 
 
 def _client(settings: ModbusSettings, lateness: Lateness) -> Client:
-    """Return a client that neither retries nor reconnects by itself: the reconnector does."""
+    """Return a client that neither retries nor reconnects, because the reconnector does both."""
     if isinstance(settings, TcpSettings):
         return AsyncModbusTcpClient(
             settings.host,
@@ -328,9 +325,6 @@ def _client(settings: ModbusSettings, lateness: Lateness) -> Client:
 
 
 def _wire_bytes(wanted: ReadRange, answer: ModbusPDU) -> bytes | None:
-    """Return the data of an answer in wire order; None if the answer cannot belong to the request
-    ``wanted``.
-    """
     if answer.function_code != _READS[wanted.table][1]:
         return None
     if wanted.table in ("coil", "discrete"):
@@ -342,7 +336,6 @@ def _wire_bytes(wanted: ReadRange, answer: ModbusPDU) -> bytes | None:
 
 
 def _probe(ranges: Sequence[ReadRange]) -> ReadRange:
-    """Return a probe: a read at the address of the first range, with a length that no range has."""
     first = ranges[0] if ranges else ReadRange("holding", 0, 1)
     lengths = {wanted.byte_count for wanted in ranges}
     unit = 8 if first.table in ("coil", "discrete") else 1

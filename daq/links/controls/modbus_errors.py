@@ -1,7 +1,4 @@
-"""Failures of Modbus, with messages for the person at the machine.
-
-All are DeviceErrors; a `WrongUnitError` is also a `RefusedRequestError`.
-"""
+"""Failures of Modbus, with messages for the operator."""
 
 from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import Message, Words, message
@@ -16,7 +13,7 @@ class SilentDeviceError(DeviceError):
 
 
 class StaleAnswerError(DeviceError):
-    """An answer came that belongs to an earlier request."""
+    """The answer belongs to an earlier request."""
 
 
 class RefusedRequestError(DeviceError):
@@ -24,7 +21,7 @@ class RefusedRequestError(DeviceError):
 
 
 class WrongUnitError(RefusedRequestError):
-    """The gateway reaches no device with the unit id of the request."""
+    """The gateway has no device with the unit id of the request."""
 
 
 # Exception codes and their meaning (Modbus Application Protocol V1.1b3, section 7).
@@ -62,7 +59,7 @@ def refusal(device: str, what: Message, code: int) -> RefusedRequestError:
 def silence(
     device: str, timeout_s: float, *, serial: bool, late: Words = ""
 ) -> SilentDeviceError:
-    """Return the error for a missing answer; ``late`` is the remedy if answers arrive after
+    """Return the error for a missing answer; ``late`` is the remedy for answers later than
     ``timeout_s``.
     """
     if late:
@@ -82,7 +79,6 @@ def silence(
 
 
 def unreachable(device: str, timeout_s: float) -> LostConnectionError:
-    """Return the error for a connection that could not be made."""
     remedy = message("do-device-on")
     return LostConnectionError(
         device,
@@ -93,9 +89,6 @@ def unreachable(device: str, timeout_s: float) -> LostConnectionError:
 
 
 def unusable(device: str, why: Words) -> LostConnectionError:
-    """Return the error for a port that exists but does not accept the line's settings (baud rate,
-    parity).
-    """
     remedy = message("do-baud-parity")
     return LostConnectionError(
         device, expected=message("expects-port-settings"), found=why, remedy=remedy
@@ -103,7 +96,6 @@ def unusable(device: str, why: Words) -> LostConnectionError:
 
 
 def lost(device: str) -> LostConnectionError:
-    """Return the error for a connection that ended."""
     return LostConnectionError(
         device,
         expected=message("expects-lasting"),
@@ -113,8 +105,8 @@ def lost(device: str) -> LostConnectionError:
 
 
 def stale(device: str, late: Words = "") -> StaleAnswerError:
-    """Return the error for an answer that belongs to another request; ``late`` is the remedy for
-    late answers.
+    """Return the error for an answer to another request; ``late`` is the remedy for late
+    answers.
     """
     remedy = late or message("do-timeout")
     return StaleAnswerError(

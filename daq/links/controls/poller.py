@@ -20,17 +20,17 @@ _log = structlog.get_logger(__name__)
 SILENT_POLLS_TO_RECONNECT = 3
 LATER = 1.5
 REFUSED_WAIT_S = 1.0
-"""Period in s after which a device that refuses every request is polled again: its program may
-still be starting.
+"""Period in s of the polls of a device that refuses every request, because its program may still be
+starting.
 """
 
 
 class MachinePoller:
-    """Reads the ranges every ``period_s`` and passes on each block, in the event loop.
+    """Reads the ranges every ``period_s`` and passes each block on, in the event loop.
 
-    The schedule starts at the first poll; a poll that is due while another poll runs is left out,
-    never queued. ``on_written`` is called after every write of a register, with the reason of a
-    refusal, or without a reason after a success.
+    The schedule starts at the first poll; a poll that is due during another poll is left out.
+    ``on_written`` is called after every write of a register with the reason of a refusal, or
+    without a reason after a success.
     """
 
     def __init__(
@@ -51,8 +51,8 @@ class MachinePoller:
         self._late_s = 0.0
 
     async def session(self, report: Report) -> None:
-        """Connect and poll until the device is lost or leaves three polls in a row unanswered.
-        Raises DeviceError.
+        """Connect and poll until the device is lost or three polls in a row have no answer. Raises
+        DeviceError.
         """
         link = await open_machine(self._settings, self._ranges)
         try:
@@ -91,7 +91,7 @@ class MachinePoller:
             due += self._period_s * max(1, -((due - clock()) // self._period_s))
 
     def _say_late(self, link: MachineLink) -> None:
-        """Report that answers arrive after their time-out, and report it again whenever the delay
+        """Report that answers arrive after their time-out. The report is repeated when the delay
         has grown by half.
         """
         if link.lateness.after_s > LATER * self._late_s:
@@ -103,7 +103,6 @@ class MachinePoller:
             )
 
     async def _until(self, due: float, link: MachineLink) -> None:
-        """Sleep until a poll is due; meanwhile write the pending word of the handshake."""
         raise_if_cancelled()
         loop = asyncio.get_running_loop()
         while loop.time() < due:
@@ -118,7 +117,7 @@ class MachinePoller:
                 timer.cancel()
 
     async def _write_pending(self, link: MachineLink) -> None:
-        """Write the pending word. A refused register is not written again: polling continues
+        """Write the pending word. A refused register is not written again, and polling continues
         without the handshake.
         """
         pending = self._pending
@@ -141,9 +140,6 @@ def _end(rest: asyncio.Future[None] | None) -> None:
 
 
 def _describe(link: MachineLink, settings: MachineSettings) -> Words:
-    """Return a message with the control's address, the refused ranges, and the delay of the
-    answers.
-    """
     late = link.lateness.words
     if not (late or link.refusals):
         return settings.address

@@ -1,9 +1,9 @@
 """Siemens controls over S7 communication (ISO on TCP, port 102): the only user of python-snap7
 (extra ``stepdiag[s7]``).
 
-One telegram requests all ranges, so a block holds the values of one moment of the control's cycle.
-The library repeats no request: after a missing answer the connection is closed, and the next
-connection requests the present values.
+One telegram requests all ranges, so a block contains the values of one moment of the control's
+cycle. python-snap7 repeats no request: after a missing answer the connection is closed, and the
+next connection requests the present values.
 """
 
 import logging
@@ -40,13 +40,13 @@ if TYPE_CHECKING:
 
 logging.getLogger("snap7").setLevel(
     logging.CRITICAL
-)  # snap7's messages return as errors, which the reconnector reports once
+)  # failures of snap7 are raised as errors, and the reconnector reports each error once
 
 Result = TypeVar("Result")
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 30.0
-"""First and longest time in s until a refused range is requested again; the time doubles at each
-refusal. The data block may be loaded meanwhile. The values of a poll with this request are not from
-a single moment.
+"""First and longest time in s until a refused range is requested again, because its data block may
+be loaded later. The time doubles at each refusal. The values of a poll with such a request do not
+have one common moment.
 """
 _FIREWALL = message("firewall-s7")
 _REFUSED = re.compile(r"failed: (?P<words>.+) \(0x(?P<code>[0-9a-f]{2})\)\Z")
@@ -60,8 +60,6 @@ _OTHER = re.compile(r"TPKT version|protocol ID")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class S7Settings:
-    """Settings of a control with S7."""
-
     host: str
     port: int = 102
     rack: int = 0
@@ -70,7 +68,6 @@ class S7Settings:
 
     @property
     def address(self) -> str:
-        """Address of the control as a text for messages."""
         return f"S7 {self.host}:{self.port} rack {self.rack} slot {self.slot}"
 
 
@@ -95,8 +92,8 @@ class S7Link(BlockingLink):
         self._wait_s = AGAIN_FIRST_S
 
     def _fetch_all(self) -> list[bytes]:
-        """Request all ranges at once. If the control refuses a range, the accepted ranges are
-        requested at once, and from time to time each range separately.
+        """Request all ranges in one telegram. After a refusal the accepted ranges are requested in
+        one telegram, and from time to time each range separately.
         """
         wanted = [each for each in self._ranges if each not in self._refused]
         if wanted and not (self._refused and self._clock() >= self._again_s):
@@ -109,7 +106,6 @@ class S7Link(BlockingLink):
         return self._each_alone(None)
 
     def _together(self, wanted: list[ReadRange]) -> dict[ReadRange, bytes]:
-        """Return the bytes of the ranges, all of the same moment."""
         from snap7.type import Area
 
         items = [
@@ -130,8 +126,8 @@ class S7Link(BlockingLink):
         }
 
     def _each_alone(self, refusal: RefusedRequestError | None) -> list[bytes]:
-        """Request each range separately to find the refused ranges; the values are then not of the
-        same moment. Raises ``refusal`` if no single range is refused.
+        """Request each range separately to find the refused ranges. Raises ``refusal`` if no single
+        range is refused.
         """
         data = super()._fetch_all()
         self._refused, self._again_s = dict(self.refusals), self._clock() + self._wait_s
@@ -163,9 +159,6 @@ class S7Link(BlockingLink):
         )
 
     def _ask(self, what: Message, work: Callable[[], Result]) -> Result:
-        """Run a call of the library; an error of the library becomes a DeviceError with a
-        message.
-        """
         from snap7.error import S7Error, S7TimeoutError
 
         try:
@@ -177,15 +170,15 @@ class S7Link(BlockingLink):
 
 
 async def open_link(settings: S7Settings, ranges: Sequence[ReadRange]) -> S7Link:
-    """Connect to the control, to read its ``ranges``. Raises LostConnectionError with the reason of
-    a failure.
+    """Connect to the control, to read ``ranges``. Raises LostConnectionError with the reason of a
+    failure.
     """
     try:
         from snap7.client import Client
     except ImportError as error:
         raise not_installed(settings.address, "s7") from error
     client = Client()
-    client.multi_read_max_gap = 0  # the addresses between two signals may be forbidden
+    client.multi_read_max_gap = 0  # the control may forbid the addresses between two signals
 
     def end() -> None:
         if client.connection is not None:
@@ -210,7 +203,6 @@ def _connect(client: "Client", settings: S7Settings) -> None:
 
 
 def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
-    """Return the error for a connection that could not be made."""
     from snap7.error import S7TimeoutError
 
     if isinstance(error.__context__, OSError) and not isinstance(error, S7TimeoutError):
@@ -244,9 +236,6 @@ def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
 
 
 def _refusal(address: str, what: Message, error: Exception) -> DeviceError:
-    """Return the error for a failed request: a refusal by the control, bytes that cannot be
-    decoded, or the end of the connection.
-    """
     refused = _REFUSED.search(str(error))
     if refused is not None:
         remedy = _REMEDIES.get(refused["code"], message("do-manual"))

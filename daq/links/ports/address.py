@@ -1,11 +1,10 @@
-"""Names of ports: serial ports of this computer, and lines that another computer or a terminal
-server offers on the network.
+"""Names of ports.
 
-- ``/dev/serial/by-id/...`` is a port of this computer.
-- ``socket://host:port`` is a line whose unchanged bytes come over TCP; the baud rate is set at the
-  terminal server.
-- ``rfc2217://host:port`` is such a line whose baud rate, parity and handshake lines are set from
-  here (RFC 2217).
+- ``/dev/serial/by-id/...`` is a serial port of this computer.
+- ``socket://host:port`` is a line of a terminal server: its unchanged bytes come over TCP. The baud
+  rate is set at the terminal server.
+- ``rfc2217://host:port`` is a line of a terminal server whose baud rate, parity and handshake lines
+  are set from here (RFC 2217).
 """
 
 import re
@@ -24,17 +23,15 @@ _PLACE = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class NetworkLine:
-    """A serial line that another computer or a terminal server offers on the network."""
-
     scheme: Literal["socket", "rfc2217"]
     host: str
     port: int
 
 
 def network_line(name: str, field: str = "port") -> NetworkLine | None:
-    """Return the line on the network that a port names, None for a port of this computer.
+    """Return the network line of a port name; None for a port of this computer.
 
-    Raises UsageError that names ``field``, for another scheme or an invalid host or port.
+    Raises UsageError for ``field`` if the scheme, host or port is invalid.
     """
     found = _SCHEME.match(name)
     if found is None:
@@ -51,8 +48,8 @@ def network_line(name: str, field: str = "port") -> NetworkLine | None:
 
 
 def host_and_port(text: str, usual_port: int = 0) -> tuple[str, int] | None:
-    """Return host and port of HOST:PORT or [ADDRESS]:PORT, where a usual port may be left out; None
-    for any other text.
+    """Return host and port of HOST:PORT or [ADDRESS]:PORT; None for any other text. A text without
+    a port is valid if ``usual_port`` is given.
     """
     place = _PLACE.match(text)
     if place is None:
@@ -65,8 +62,8 @@ def host_and_port(text: str, usual_port: int = 0) -> tuple[str, int] | None:
 
 
 def require_host_and_port(option: str, text: str, usual_port: int) -> tuple[str, int]:
-    """Return host and port of a text (`host_and_port`). Raises UsageError that names ``option`` for
-    any other text.
+    """Return host and port of a text (`host_and_port`). Raises UsageError for ``option`` if the
+    text is invalid.
     """
     found = host_and_port(text, usual_port)
     if found is None:
@@ -77,7 +74,7 @@ def require_host_and_port(option: str, text: str, usual_port: int) -> tuple[str,
 def can_be_host(name: str) -> bool:
     """Return whether a host name can be looked up: every part between two dots has 1 to 63 letters.
 
-    For other names Python raises an error that is not a network error.
+    For any other name Python raises an error that is no network error.
     """
     try:
         name.encode("idna")

@@ -1,6 +1,4 @@
-"""The device under a port: a descriptor that delivers bytes. `stepdiag.daq.links.ports.port` waits
-for the bytes.
-"""
+"""The device of a port: a descriptor that delivers bytes. `OpenPort` waits for the bytes."""
 
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -9,7 +7,7 @@ from stepdiag.base.messages import Message
 
 LARGEST_READ = 65536
 BUSY_WAIT_S = 0.1
-"""Longest wait of a read, in s, on a line that may deliver bytes at any moment."""
+"""Longest wait of a read in s on a line that may deliver bytes at any moment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,10 +31,10 @@ class Device(Protocol):
     """An open line, used by one thread."""
 
     detail: Message
-    """Description of the open line, shown to the operator."""
+    """Description of the open line for the operator."""
     low_latency: bool
-    """Whether received bytes arrive at once; otherwise a USB adapter may hold the bytes for 16
-    ms.
+    """Whether received bytes arrive at once; otherwise a USB adapter may delay the bytes by
+    16 ms.
     """
 
     def fileno(self) -> int:
@@ -44,7 +42,7 @@ class Device(Protocol):
         ...
 
     def read(self, *, ready: bool) -> bytes:
-        """Return the waiting bytes; empty if no byte of the line arrived within `BUSY_WAIT_S`.
+        """Return the waiting bytes; empty if no byte of the line arrives within `BUSY_WAIT_S`.
 
         ``ready`` is the result of poll(2). Raises OSError if the line is lost.
         """
@@ -55,11 +53,9 @@ class Device(Protocol):
         ...
 
     def lost(self) -> dict[LossKind, int]:
-        """Return the line's own counts of losses since its opening, by kind; empty for a line that
-        does not count. May be called from any thread.
+        """Return the line's counts of losses since its opening, by kind; empty for a line without
+        counts. Any thread may call this method.
         """
         ...
 
-    def close(self) -> None:
-        """Close the line."""
-        ...
+    def close(self) -> None: ...

@@ -1,4 +1,4 @@
-"""Lateness of a device's answers, measured on the bytes that arrive after the time-out."""
+"""Delay of late answers, measured on the bytes that arrive after the time-out."""
 
 import time
 from collections.abc import Callable
@@ -6,18 +6,18 @@ from collections.abc import Callable
 from stepdiag.base.messages import Words, message
 
 TRANSACTIONS_KEPT = 64
-"""Number of newest requests whose time is kept: the answer to an older request has no measured
+"""Number of newest requests whose time is stored; the answer to an older request has no measured
 delay.
 """
 
 
 class Lateness:
     """Watches sent and received bytes. ``after_s`` is the time in s from a request to its answer,
-    for the latest late answer; 0 without one.
+    for the latest late answer; 0 without a late answer.
 
     Answers over TCP carry the number of their request (``numbered``). On a serial line, bytes that
-    arrive outside a wait belong to the previous request. `ModbusLink` recognises by its length an
-    answer to an earlier request that arrives during a later wait.
+    arrive outside a wait belong to the previous request; an answer to an earlier request that
+    arrives during a later wait is recognised by its length (`ModbusLink`).
     """
 
     def __init__(
@@ -31,12 +31,12 @@ class Lateness:
         self.after_s = 0.0
 
     def trace(self, sending: bool, data: bytes) -> bytes:
-        """Inspect sent or received bytes; return them unchanged."""
+        """Inspect sent or received bytes, and return the bytes unchanged."""
         now, number = self._clock(), data[:2] if self._numbered else b""
         if sending:
             self._sent_s, self._awaited = now, number
             self._asked_s.pop(number, None)
-            self._asked_s[number] = now  # so the newest request is the last in the dict
+            self._asked_s[number] = now  # so the newest request is the last one of the dict
             if len(self._asked_s) > TRANSACTIONS_KEPT:
                 del self._asked_s[next(iter(self._asked_s))]
         else:
@@ -46,19 +46,15 @@ class Lateness:
         return data
 
     def given_up(self) -> None:
-        """Record that the last request was not answered in time."""
         self._missed_s, self._awaited = self._sent_s, None
 
     def answered(self) -> None:
-        """Record that the last request was answered."""
         self._awaited = None
 
     def was_of_an_earlier(self) -> None:
-        """Record that the last bytes were a late answer."""
         if self._missed_s:
             self.after_s = max(self.after_s, self._heard_s - self._missed_s)
 
     @property
     def words(self) -> Words:
-        """Return the remedy for late answers; empty while no answer was late."""
         return message("answers-late", after_s=self.after_s) if self.after_s else ""

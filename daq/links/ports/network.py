@@ -1,8 +1,8 @@
-"""A line on the network: ``socket://host:port`` raw, ``rfc2217://host:port`` with the settings of
-the line (`daq.links.ports.device.Device`).
+"""A line on the network: ``socket://host:port`` without settings, ``rfc2217://host:port`` with the
+settings of the line.
 
-A terminal server without power sends nothing, just like an instrument that is switched off. So the
-kernel probes the other end (keep-alive), and a line without an answer for ten seconds is lost and
+A terminal server without power sends nothing, like an instrument that is switched off. So the
+kernel probes the server (keep-alive), and a line without an answer for ten seconds is lost and
 opened again.
 """
 
@@ -27,7 +27,7 @@ from stepdiag.daq.links.ports.device import (
 from stepdiag.daq.links.ports.rfc2217 import ComPort
 
 CONNECT_S = 3.0
-"""Longest time for connecting in s: a firewall may drop a connection without an answer."""
+"""Longest time for connecting in s, because a firewall may drop a connection without an answer."""
 AGREE_S = 2.0
 """Longest time in s until a terminal server accepts the settings of its line."""
 _SHOWN = 12
@@ -64,7 +64,7 @@ def open_network(settings: SerialSettings, line: NetworkLine) -> Device:
 
 
 class NetworkPort:
-    """A TCP connection with the bytes of the line, unchanged."""
+    """A TCP connection with the unchanged bytes of the line."""
 
     low_latency = True
 
@@ -94,8 +94,8 @@ class NetworkPort:
         self._connection.sendall(data)
 
     def lost(self) -> dict[LossKind, int]:
-        """Return nothing: TCP loses no byte of an open connection, and the server does not report
-        its own losses.
+        """Return no counts: TCP loses no byte of an open connection, and the server does not report
+        losses.
         """
         return {}
 
@@ -114,7 +114,6 @@ class Rfc2217Port(NetworkPort):
         self._codec = codec
 
     def read(self, *, ready: bool) -> bytes:
-        """Return the data of the line without Telnet commands."""
         data = self._codec.feed(super().read(ready=ready))
         if answer := self._codec.answers():
             super().write(answer)
@@ -145,8 +144,8 @@ def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
     """Return the line after the terminal server has accepted its settings. Raises DeviceError if
     the server refuses.
 
-    Bytes of the instrument from before the acceptance were received with other settings and are
-    left out.
+    Bytes of the instrument before the acceptance were received with other settings and are left
+    out.
     """
     codec, other, until_s = ComPort(settings), b"", time.monotonic() + AGREE_S
     connection.sendall(codec.opening())
@@ -172,7 +171,6 @@ def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
 
 
 def _heard(codec: ComPort, other: bytes) -> Message:
-    """Return the message about the bytes received instead of an acceptance."""
     if codec.speaks:
         return message("found-no-agreement", seconds_s=AGREE_S)
     return (

@@ -1,5 +1,4 @@
-"""An open port on any device: waits for bytes, interruption of a wait, and the error of a lost
-port.
+"""An open port on any device.
 
 A wait is one poll(2); on a busy line the read itself waits.
 """
@@ -20,7 +19,7 @@ from stepdiag.daq.links.ports.tty import Tty
 class OpenPort:
     """An open port, used by one thread. Every failure is a DeviceError.
 
-    Only ``release``, ``hurry`` and ``lost`` may be called from another thread.
+    Other threads may call only ``release``, ``hurry`` and ``lost``.
     """
 
     def __init__(self, settings: SerialSettings) -> None:
@@ -41,11 +40,10 @@ class OpenPort:
 
     @property
     def wanted(self) -> bool:
-        """Whether the port is still wanted: `release` was not called."""
         return not self._released.is_set()
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the waiting bytes after a wait of at most ``timeout_s`` for the first byte; empty
+        """Wait at most ``timeout_s`` for the first byte and return the received bytes; empty
         without a byte or after an interruption.
         """
         ready = self._either.poll(timeout_s * 1e3)
@@ -56,8 +54,8 @@ class OpenPort:
         return b""
 
     def read_on(self) -> bytes:
-        """Return the next bytes of a busy line; empty after a tenth of a second of silence, or
-        after an interruption.
+        """Return the next bytes of a busy line; empty after 0.1 s of silence or after an
+        interruption.
         """
         if self._rang:
             self._quiet()
@@ -65,7 +63,7 @@ class OpenPort:
         return self._take(ready=False)
 
     def write(self, data: bytes) -> None:
-        """Send ``data`` and wait until the last byte has left."""
+        """Send ``data`` and wait until the last byte is sent."""
         try:
             self._device.write(data)
         except OSError as error:
@@ -77,14 +75,14 @@ class OpenPort:
             self._quiet()
 
     def hurry(self) -> None:
-        """End a running pause or read at once, so that the waiting bytes are processed now."""
+        """End a running pause or read at once, so that received bytes are processed now."""
         with self._closing:
             if not self._closed:
                 os.eventfd_write(self._bell, 1)
                 self._rang = True
 
     def lost(self) -> dict[LossKind, int]:
-        """Return the line's own counts of its losses (`Device.lost`); empty for a closed line."""
+        """Return the line's counts of its losses (`Device.lost`); empty for a closed line."""
         with self._closing:
             return {} if self._closed else self._device.lost()
 
@@ -94,9 +92,7 @@ class OpenPort:
         self.hurry()
 
     def close(self) -> None:
-        """Close the port. The kernel may take half a minute to close a line; no other work waits
-        for this.
-        """
+        """Close the port in a thread, because the kernel may need half a minute to close a line."""
         with self._closing:
             first, self._closed = not self._closed, True
             if first:
@@ -114,7 +110,7 @@ class OpenPort:
         return data
 
     def _quiet(self) -> None:
-        """Reset the interruption; the interruption by `release` stays."""
+        """Reset the interruption by `hurry`; the interruption by `release` is permanent."""
         with self._closing:
             self._rang = self._released.is_set()
             if not self._rang:

@@ -1,4 +1,4 @@
-"""A thread that works on a serial port, and the event loop that supervises it."""
+"""A thread that works on a serial port, and its supervision by the event loop."""
 
 import asyncio
 import contextlib
@@ -16,12 +16,12 @@ SILENT_AFTER_S = 2.0
 """Time in s without a byte after which a line counts as silent."""
 _WATCH_S = 0.25
 _END_TIMEOUT_S = 2.0
-"""Longest wait in s for a thread that hangs in the kernel; after it, the thread is left behind as a
-daemon thread.
+"""Longest wait in s for a thread that hangs in the kernel; after this time the daemon thread is
+abandoned.
 """
 EVERY_S = 60.0
-"""Least time in s between two reports of a line with steady losses; a report holds all losses since
-the previous report.
+"""Least time in s between two reports of a line with steady losses; a report contains all losses
+since the previous report.
 """
 
 
@@ -29,10 +29,8 @@ _T = TypeVar("_T")
 
 
 class Losses:
-    """The losses of a line, reported at readable intervals.
-
-    The counts of a line grow from its opening on; this class returns the growth since the last
-    report.
+    """The losses of a line since the last report. The counts of the line grow from its
+    opening on.
     """
 
     def __init__(self) -> None:
@@ -43,7 +41,7 @@ class Losses:
         """Return the losses since the last report: the first losses at once, later losses at most
         every `EVERY_S`.
 
-        ``counted`` holds the number of losses of each kind since the line was opened.
+        ``counted`` is the number of losses of each kind since the opening of the line.
         """
         more = {
             kind: count - self._reported.get(kind, 0)
@@ -60,8 +58,7 @@ class Losses:
 class PortThread:
     """Opens a port, works on it and closes it, all in a separate thread. Each object runs once.
 
-    The thread cannot end unnoticed: when ``work`` ends, ``serve`` ends too, with the same
-    exception.
+    The thread cannot end unnoticed: when ``work`` ends, ``serve`` ends with the same exception.
     """
 
     def __init__(self, settings: SerialSettings, work: Callable[[OpenPort], None]) -> None:
@@ -133,8 +130,5 @@ class PortThread:
             port.close()
 
     def _tell(self, future: asyncio.Future[_T], value: _T) -> None:
-        """Set the result of a future from the thread; a closed event loop no longer needs the
-        result.
-        """
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(future.set_result, value)

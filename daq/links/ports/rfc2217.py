@@ -3,7 +3,7 @@ The module converts bytes to bytes and uses no socket.
 
 Telnet commands begin with IAC (255); IAC IAC is one byte 255 of data (RFC 854). The line carries
 data in both directions, so the program requests binary transmission for both (RFC 856). Option 44
-carries the settings, and the answer to each setting states the value in force (RFC 2217, 3).
+carries the settings, and the answer to a setting contains the active value (RFC 2217, 3).
 """
 
 import struct
@@ -18,21 +18,21 @@ _OURS = (_BINARY, _SUPPRESS_GO_AHEAD, _COM_PORT)
 _THEIRS = (_BINARY, _SUPPRESS_GO_AHEAD)
 _BAUD, _SIZE, _PARITY, _STOP, _CONTROL = 1, 2, 3, 4, 5
 _SERVER = 100
-"""Number that the server adds to a command's code in its answer."""
+"""Number that the server adds to the code of a command in its answer."""
 _PARITIES = {"N": 1, "O": 2, "E": 3}
 _NO_FLOW_CONTROL = 1
 _DTR, _RTS = {True: 8, False: 9}, {True: 11, False: 12}
 _NAMES = {_BAUD: "baud", _SIZE: "data bits", _PARITY: "parity", _STOP: "stop bits"}
 _LONGEST_COMMAND = 256
-"""Largest number of stored bytes of a subnegotiation: a server that sends no end mark must not fill
-the memory.
+"""Largest number of stored bytes of a subnegotiation, so that a server without an end mark cannot
+fill the memory.
 """
 State = Literal["data", "iac", "option", "command", "command-iac"]
 
 
 class ComPort:
     """The Telnet part of a connection: finds the data of the line in the received bytes, and makes
-    the answers. The result does not depend on how the bytes are split.
+    the answers. The division of the bytes does not change the result.
     """
 
     def __init__(self, settings: SerialSettings) -> None:
@@ -44,20 +44,18 @@ class ComPort:
         self._asked: dict[int, bytes] = {}
         self._agreed: set[int] = set()
         self.speaks = False
-        """Whether the other side has sent a Telnet command."""
+        """Whether the server has sent a Telnet command."""
         self.refused: Message | None = None
-        """The reason why the line cannot be used with these settings; None while no answer
-        contradicts the settings.
+        """The reason why the server does not accept the settings; None while no answer contradicts
+        the settings.
         """
 
     @property
     def settled(self) -> bool:
-        """Return whether the server has accepted every setting."""
         return bool(self._asked) and self._agreed >= set(self._asked)
 
     @property
     def agreed(self) -> Message:
-        """Return the accepted settings as a message."""
         line = self._settings
         return message(
             "line-agreed",
@@ -66,7 +64,6 @@ class ComPort:
         )
 
     def opening(self) -> bytes:
-        """Return the bytes to send first on a new connection."""
         return b"".join(bytes((_IAC, _WILL, option)) for option in _OURS) + b"".join(
             bytes((_IAC, _DO, option)) for option in _THEIRS
         )
@@ -78,7 +75,7 @@ class ComPort:
         return data
 
     def escaped(self, data: bytes) -> bytes:
-        """Return data for the line in the form in which Telnet sends them."""
+        """Return data for the line with every byte 255 doubled."""
         return data.replace(b"\xff", b"\xff\xff")
 
     def feed(self, data: bytes) -> bytes:
@@ -138,7 +135,6 @@ class ComPort:
             self._answers += bytes((_IAC, _DONT, option))
 
     def _ask(self) -> None:
-        """Request every setting of the line."""
         line = self._settings
         self._asked = {
             _BAUD: struct.pack(">I", line.baud),
@@ -158,7 +154,6 @@ class ComPort:
             )
 
     def _heed(self, command: bytes) -> None:
-        """Process the server's answer to a setting."""
         if len(command) < 3 or command[0] != _COM_PORT:
             return
         which, value = command[1] - _SERVER, command[2:]

@@ -1,8 +1,8 @@
-"""Serial lines: a thread that reads and stamps, an event loop that supervises the thread.
+"""Serial lines: a thread reads and stamps bytes, and the event loop supervises the thread.
 
-The reading thread takes the stamp right after the read: a stamp taken behind a queue would be late
-by milliseconds whenever other Python code is busy. A read takes all waiting bytes in one call;
-reading lines would cost three hundred times more.
+The reading thread takes the time stamp right after the read: a time stamp taken behind a queue
+would be late by milliseconds while other Python code runs. A read takes all waiting bytes in one
+call; reading lines would cost three hundred times more.
 """
 
 import time
@@ -24,43 +24,40 @@ from stepdiag.daq.timing.samples import (
 )
 
 ANSWER_TIMEOUT_S = 0.5
-"""Longest time in s for the first byte of an answer of a polled instrument."""
+"""Longest time in s to the first byte of the answer of a polled instrument."""
 PLAIN_GAP_S, LOW_LATENCY_GAP_S = 0.02, 0.005
-"""Silence in s that ends an answer, on a plain and on a low-latency line, unless the survey file
-states another time. A plain USB adapter may hold bytes for 16 ms.
+"""Silence in s that ends an answer, on a plain and on a low-latency line, if the survey file
+contains no other time. A plain USB adapter may delay bytes by 16 ms.
 """
 GATHER_S = 0.02
-"""Bytes that arrive within this time in s form one chunk: a separate chunk for each of a thousand
-lines a second would cost an eighth of a core.
+"""Bytes that arrive within this time in s form one chunk: separate chunks for a thousand lines a
+second would use an eighth of a core.
 """
 LARGEST_CHUNK = 16_384
-"""Largest chunk in bytes: even a chunk of the shortest lines is processed in a tenth of a
-second.
-"""
+"""Largest chunk in bytes; a chunk of this size of the shortest lines is decoded in 0.1 s."""
 BUSY_BYTES_PER_S = 100_000
-"""Rate above which the reader neither sleeps while it gathers bytes nor queries the number of
-waiting bytes: a pty holds 4 KiB.
+"""Rate in bytes per s above which the reader reads without sleeping and without counting the
+waiting bytes, because a pty stores only 4 KiB.
 """
 NEVER_SILENT_S = 3.0
-"""Longest time in s for which a line may continue to send after a missing answer; the bytes
-received in this time are discarded.
+"""Longest time in s for which a line may still send after a missing answer; the bytes of this time
+are discarded.
 """
 _READ_S = 0.02
-"""Longest wait of a read in s; after a silence of this length the gathered bytes are passed on."""
+"""Longest wait of a read in s; after this silence the gathered bytes are passed on."""
 
 Respond = Callable[[bytes], bytes]
 """A function that takes received bytes and returns the answer to send; empty for no answer."""
 OnChunk = Callable[[bytes, int], None]
-"""A function that takes bytes and their time (`daq.timing.host_clock`, ns, whole microseconds). It
-is called in the reading thread, and its exception ends this thread.
+"""A function that takes bytes and their arrival time (`daq.timing.host_clock`, ns, whole
+microseconds). The function is called in the reading thread, and its exception ends this thread.
 """
 
 
 class SerialStream:
     """A line whose instrument sends without requests; a Reconnector runs ``session``.
 
-    A chunk holds the bytes of up to twenty milliseconds; its stamp is the time of arrival of the
-    last byte.
+    A chunk contains the bytes of up to 20 ms; its time is the arrival of the last byte.
     """
 
     def __init__(
@@ -71,7 +68,7 @@ class SerialStream:
         greeting: bytes = b"",
         responder: Callable[[], Respond] | None = None,
     ) -> None:
-        """``greeting`` is sent after every opening of the line, to make the instrument send;
+        """``greeting`` is sent after every opening of the line, to start the instrument;
         ``responder`` returns a function that makes the answers to the instrument.
         """
         self._settings = settings
@@ -81,11 +78,11 @@ class SerialStream:
         self._port: OpenPort | None = None
 
     async def session(self, report: Report) -> None:
-        """Pass on chunks until the line is lost. Raises DeviceError."""
+        """Pass chunks on until the line is lost. Raises DeviceError."""
         await PortThread(self._settings, self._read).serve(report)
 
     def hurry(self) -> None:
-        """Pass on the bytes received until now, at once; callable from any thread."""
+        """Pass the received bytes on at once; any thread may call this method."""
         if self._port is not None:
             self._port.hurry()
 
@@ -109,11 +106,11 @@ class SerialStream:
 
 
 class PolledSerial:
-    """A line whose instrument answers requests; every byte of an answer is stamped with the middle
-    between request and answer.
+    """A line whose instrument answers requests; the time of an answer is the middle between request
+    and answer.
 
-    A late answer would be assigned to the next request. So after a timeout the line must stay
-    silent for the same time before the next request; bytes received until then are discarded.
+    After a time-out the line must be silent for the length of the time-out before the next request,
+    because a late answer would be assigned to the next request. Bytes in this time are discarded.
     """
 
     def __init__(
@@ -137,7 +134,7 @@ class PolledSerial:
         self._greeting = greeting
 
     async def session(self, report: Report) -> None:
-        """Send requests and pass on the answers until the line is lost. Raises DeviceError."""
+        """Send requests and pass the answers on until the line is lost. Raises DeviceError."""
         await PortThread(self._settings, self._poll).serve(report)
 
     def _poll(self, port: OpenPort) -> None:
@@ -155,12 +152,11 @@ class PolledSerial:
                     others_due_s[number] = time.monotonic() + interval_s
                     if not self._ask(port, gap_s, request):
                         _await_silence(port)
-                    break  # one further request at a time: the reading is requested in between
+                    break  # one at a time, so that the reading is requested in between
             due_s = max(due_s + self._interval_s, time.monotonic())
             port.pause(due_s - time.monotonic())
 
     def _ask(self, port: OpenPort, gap_s: float, request: bytes) -> bool:
-        """Send a request and pass on its answer; return False if there is no answer in time."""
         port.write(request)
         sent_ns = stamp_ns()
         data = port.read(ANSWER_TIMEOUT_S)
@@ -175,8 +171,8 @@ class PolledSerial:
 def instrument_line(
     settings: SerialSettings, decoder: Decoder, on_chunk: OnChunk
 ) -> SerialStream | PolledSerial:
-    """Return the line of the instrument that ``decoder`` decodes: polled or not, with the decoder's
-    requests and greeting.
+    """Return the line for the instrument of ``decoder``, polled or not, with the decoder's requests
+    and greeting.
     """
     greeting = decoder.greeting if isinstance(decoder, GreetingDecoder) else b""
     if not isinstance(decoder, PolledDecoder):
@@ -194,8 +190,8 @@ def instrument_line(
 
 
 class _Pace:
-    """Decides whether the reader sleeps before the next chunk: not on a ``busy`` line, nor on a
-    slow line on which no byte would arrive during the sleep.
+    """Decides whether the reader sleeps before the next chunk. The reader does not sleep on a
+    ``busy`` line, nor on a slow line on which no byte would arrive during the sleep.
     """
 
     def __init__(self) -> None:
@@ -203,7 +199,6 @@ class _Pace:
         self._since_s = time.monotonic()
 
     def note(self, size: int, reads: int) -> None:
-        """Record the size of a chunk and the number of its reads."""
         now_s = time.monotonic()
         self.busy = size > BUSY_BYTES_PER_S * (now_s - self._since_s)
         self._since_s = now_s
@@ -214,8 +209,8 @@ def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, 
     """Return the waiting bytes and the bytes that arrive within ``seconds``, the time of the last
     byte in ns, and the number of reads that returned bytes.
 
-    The function reads at least twice: the first read may find old bytes, the second waits for a new
-    byte. Bytes from before a loss of the line are returned; the next read reports the loss.
+    The first read may find old bytes; the second read waits for a new byte. Bytes before a loss of
+    the line are returned, and the next call raises the loss.
     """
     parts: list[bytes] = []
     size, last_ns, end_s = 0, 0, time.monotonic() + seconds
@@ -229,9 +224,6 @@ def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, 
 
 
 def _read(port: OpenPort, gathered: bool, busy: bool) -> bytes:
-    """Return the bytes of a read; empty if the line is lost while gathered bytes wait to be passed
-    on.
-    """
     try:
         return port.read_on() if busy else port.read(_READ_S)
     except DeviceError:

@@ -1,8 +1,7 @@
-"""A serial port of this computer (`daq.links.ports.device.Device`).
+"""A serial port of this computer.
 
-pyserial sets up the line, but this module reads with a single read(2): pyserial's ``read`` makes
-four system calls, each of which releases the interpreter and may wait for it, and takes twice the
-time.
+pyserial sets up the line, but this module reads with one read(2): pyserial's ``read`` makes four
+system calls, each with a release of the interpreter lock, and needs twice the time.
 """
 
 import errno
@@ -34,10 +33,11 @@ _REMEDIES = {
 
 BY_ID = Path("/dev/serial/by-id")
 TIOCGICOUNT = 0x545D
-"""Request that reads the driver's counts (ioctl_tty(2)); `termios` lacks its name."""
+"""Request that reads the driver's counts (ioctl_tty(2)), which is missing in `termios`."""
 _COUNTS = struct.Struct("20i")
 """serial_icounter_struct of linux/serial.h: cts, dsr, rng, dcd, rx, tx, frame, overrun, parity,
-brk, buf_overrun, nine reserved."""
+brk, buf_overrun, nine reserved.
+"""
 _LOSSES: dict[int, LossKind] = {
     7: "lost-port",
     10: "lost-system",
@@ -64,8 +64,8 @@ class Tty:
             self._serial.dtr, self._serial.rts = settings.dtr, settings.rts
             self._serial.port = settings.port
             self._serial.open()
-            # pyserial then sets up the line once more: only then does a port report that it does
-            # not accept these settings
+            # pyserial then sets up the line a second time: only then does a port report settings
+            # that it does not accept
             self._serial.timeout = 0.0
             self._line = self._serial.fileno()
             _let_reads_wait(self._line)
@@ -98,8 +98,8 @@ class Tty:
             raise OSError(*error.args) from error
 
     def lost(self) -> dict[LossKind, int]:
-        """Return the driver's counts of each kind of loss since the port was opened; empty for a
-        pty, which does not count.
+        """Return the driver's counts of each kind of loss since the opening of the port; empty for
+        a pty, which has no counts.
         """
         now = self._counts()
         more = (
@@ -130,7 +130,7 @@ def _let_reads_wait(line: int) -> None:
 
 
 def _set_low_latency(port: serial.Serial) -> bool:
-    """Let the USB adapter pass on bytes sooner (FTDI: after 1 ms instead of 16 ms); return whether
+    """Let the USB adapter pass bytes on sooner (FTDI: after 1 ms instead of 16 ms); return whether
     the port accepted. Many ports lack this mode.
     """
     try:
@@ -141,8 +141,8 @@ def _set_low_latency(port: serial.Serial) -> bool:
 
 
 def present_ports() -> dict[str, str]:
-    """Return the serial ports of this computer that have a device: the lasting name (``by-id``) if
-    there is one, and the name of the adapter.
+    """Return the serial ports of this computer with a device: the permanent name (``by-id``) if it
+    exists, and the name of the adapter.
     """
     stable = {str(link.resolve()): str(link) for link in sorted(BY_ID.glob("*"))}
     return {

@@ -1,7 +1,7 @@
-"""Controls by name: the ``[plc]`` section of a survey for each kind of control, as ``stepdiag
-setup`` writes it.
+"""Controls by name: the ``[plc]`` section of a survey for each kind of control, for ``stepdiag
+setup``.
 
-Each control has a file of its own, which names the source of its addresses, and the addresses
+Each control has a file with its section, the source of its addresses, and the addresses that were
 recalled without a source.
 """
 
@@ -14,8 +14,8 @@ CONTROLS = ("modbus", "siemens-828d", "siemens-840dsl", "heidenhain")
 
 
 def control_section(name: str, host: str) -> str:
-    """Return the text after ``[plc]`` in a survey file for the control of this name at ``host``,
-    with its comments. Raises UsageError.
+    """Return the text after ``[plc]`` in a survey file for the control ``name`` at ``host``, with
+    its comments. Raises UsageError for an unknown name.
     """
     if name not in CONTROLS:
         raise UsageError(

@@ -64,4 +64,5 @@ def test_a_time_that_is_stated_takes_the_place_of_the_clocks() -> None:
     assert span_s(passes) == (SET.timestamp(), SET.timestamp() + 9 * 60)
     (found,) = clock_findings(passes)
     assert found.severity == "info"
-    assert "stated by Kim: shift book" in found.text
+    assert "Kim entered" in found.text
+    assert found.text.endswith("as the time of the first stop: shift book")

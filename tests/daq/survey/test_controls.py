@@ -90,7 +90,7 @@ def test_the_guide_shows_what_is_shipped(name):
         ),
         (
             OVERLAPPING,
-            "plc.handshake.address: expected a register that is not read",
+            "plc.handshake.address: expected a register without another signal",
         ),
     ],
 )

@@ -301,7 +301,7 @@ def test_an_unknown_key_is_refused_with_the_nearest_known_one(
         ),
         (
             "[plc.handshake]\nenabled = true\naddress = 5\n",
-            "plc.handshake.address: expected a register that is not read: x_mm is there",
+            "plc.handshake.address: expected a register without another signal: x_mm uses",
         ),
     ],
 )

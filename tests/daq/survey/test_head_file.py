@@ -196,7 +196,7 @@ def test_a_file_of_before_has_every_field_and_does_not_state_what_measured_it():
     require_measured(file, "head.toml")
     with pytest.raises(
         DataError,
-        match=r"psd1\.y.*found nothing has measured psd1\.y; next: `stepdiag fourdof commission`",
+        match=r"psd1\.y.*found no measurement of psd1\.y; next: `stepdiag fourdof commission`",
     ):
         require_measured(file.with_axis("psd1", "y", None), "head.toml")
 

@@ -147,7 +147,7 @@ def test_what_nothing_has_measured_is_refused_and_the_next_command_named(tmp_pat
     wobble = write_samples(tmp_path / "w.csv", 300.0, 20.0, amplitude=100.0, period_s=3.0)
     with pytest.raises(
         DataError,
-        match=r"stability: qd.x: .*nothing has measured qd.x, .*; next: `stepdiag fourdof "
+        match=r"stability: qd.x: .*no measurement of qd.x, .*; next: `stepdiag fourdof "
         r"commission`",
     ):
         fourdof(

@@ -220,7 +220,7 @@ def test_a_clock_that_was_never_set_is_named_until_the_time_is_stated(survey):
     line = next(
         line for line in stepdiag("status", survey).out.splitlines() if "clock-unset" in line
     )
-    assert "the survey is dated 1970-01-01" in line
+    assert "the survey has the date 1970-01-01" in line
     (command,) = recommended(line)
     assert stepdiag(*command).code == 2, "TIME is no time"
     for wrong in ("1999-01-01T08:00", "tomorrow"):

@@ -92,9 +92,7 @@ def test_tolerance_of_the_template_is_that_of_a_file() -> None:
         == {}
     )
     section = template()[
-        template().index("#[tolerance]") : template().index(
-            "# Compensation files to be written"
-        )
+        template().index("#[tolerance]") : template().index("# Compensation files to write")
     ]
     switched = "\n".join(
         line.removeprefix("#") if line.startswith("#") and line[1] != " " else line

@@ -38,7 +38,7 @@ def test_a_survey_of_1970_is_named_in_result_report_and_archive(tmp_path: Path) 
         "clock of the computer was never set"
         in build_report(result, source="result.json").html
     )
-    assert "dated 1970-01-01" in undated(log.parent)
+    assert "the date 1970-01-01" in undated(log.parent)
     added = stepdiag("archive", "add", log.parent, "--to", tmp_path / "store")
     assert added.code == 0
     assert "clock of the computer was never set" in added.refusal, (

@@ -227,7 +227,7 @@ def test_a_calibration_that_is_not_finished_gives_no_result():
         }
         with pytest.raises(
             DataError,
-            match=r"head.toml: .*nothing has measured .*next: `stepdiag fourdof commission`",
+            match=r"head.toml: .*no measurement of .*next: `stepdiag fourdof commission`",
         ):
             evaluate_head(wanted, passes, unfinished, {})
 

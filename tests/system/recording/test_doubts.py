@@ -147,7 +147,7 @@ def test_a_survey_that_cannot_be_solved_stays_open(tmp_path):
         told = json.loads(stepdiag("status", place.survey, "--json").out)
         assert told["unsolved"] in opened["reason"]
         assert "nonsense" in told["unsolved"]
-        assert "every pass is in, and there is no result: angles.csv" in live.replace(
+        assert "every pass is recorded, but there is no result: angles.csv" in live.replace(
             "\n", " "
         )
         assert (place.round / "readings.csv").exists()

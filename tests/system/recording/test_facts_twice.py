@@ -102,11 +102,14 @@ THERE_AND_BACK = [
                 id="step",
             ),
             pytest.param(
-                "window-step", "samples lie far from the others", THERE_AND_BACK, id="jump"
+                "window-step",
+                "samples are far from the other samples",
+                THERE_AND_BACK,
+                id="jump",
             ),
             pytest.param(
                 "laser-frozen",
-                "sent one value",
+                "sent the same value",
                 [{"kind": "laser-frozen", "delay_s": 0.02, "duration_s": 0.55}],
                 id="frozen",
             ),

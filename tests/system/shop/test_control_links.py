@@ -147,10 +147,10 @@ def hangs_up(connection, ended):
 
 
 OTHERS = {
-    ("siemens-828d", web_server): "bytes of something else",
+    ("siemens-828d", web_server): "bytes of another protocol",
     ("siemens-828d", refuses_the_slot): "check plc.rack and plc.slot",
     ("siemens-828d", hangs_up): "check plc.rack and plc.slot",
-    ("heidenhain", web_server): "something else",
+    ("heidenhain", web_server): "another protocol",
     ("heidenhain", hangs_up): "Connection reset by peer",
 }
 
@@ -197,7 +197,7 @@ def test_half_an_answer_for_ever_is_named(name, monkeypatch):
         _, found = looked_at(name, port)
     assert (
         "silence" in found["machine-unreachable"].text
-        or "something else" in found["machine-unreachable"].text
+        or "another protocol" in found["machine-unreachable"].text
     )
 
 
@@ -275,7 +275,7 @@ def test_answers_that_are_no_memory_are_named():
 
     with tnc_control(answer=short) as control:
         seen, found = looked_at("heidenhain", control.port)
-    assert "something else" in found["machine-unreachable"].text
+    assert "another protocol" in found["machine-unreachable"].text
     assert seen.machine.polls == 0
 
 
@@ -285,7 +285,11 @@ def nowhere():
 
 
 SAID = {
-    "another product": (lambda: listener(web_server), "127.0.0.1", "bytes of something else"),
+    "another product": (
+        lambda: listener(web_server),
+        "127.0.0.1",
+        "bytes of another protocol",
+    ),
     "wrong name": (nowhere, "no-such-control.invalid", "no such name"),
     "wrong slot": (
         lambda: listener(refuses_the_slot),

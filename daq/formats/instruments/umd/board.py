@@ -1,7 +1,6 @@
-"""The properties of a uMD board from its low-speed codes, and their effect on the decoding of the
-board's lines.
+"""The properties of a uMD board from its low-speed codes.
 
-One line in 32 (uMD0: in 256) carries a code (field 6) with data (field 7); reference: instruments
+One line in 32 (uMD0: in 256) contains a code (field 6) with data (field 7); reference: instruments
 1.A.
 """
 
@@ -12,7 +11,7 @@ from stepdiag.base.messages import Words, message
 from stepdiag.daq.formats.instruments.umd.reading import PhaseUse, Reading
 
 SIGNAL_CODES = {1: message("laser-power"), 2: message("signal-strength")}
-"""Codes of values without a documented scale: the values are passed on, but not used."""
+"""Codes of values without a documented scale: the values are reported, but not used."""
 ENVIRONMENT_CODES = {
     3: ("temperature_1_c", 0.01),
     4: ("temperature_2_c", 0.01),
@@ -20,17 +19,17 @@ ENVIRONMENT_CODES = {
     6: ("relative_humidity_percent", 0.1),
 }
 RATE_CODE = 8  # rate / 100 Hz; a uMD1 changes its rate with the REF frequency
-FIRMWARE_CODE = 10  # version x 100; from v264 on: low 16 bits, high 16 bits sub-version
+FIRMWARE_CODE = 10  # version x 100; from v264 on the sub-version in the high 16 bits
 HOMODYNE_CODE = 20  # low byte homodyne axes, next byte counts per cycle
-FIRMWARE_FLAGS_CODE = 112  # flags only from v264 on; a diagnostic value before
+FIRMWARE_FLAGS_CODE = 112  # flags from v264 on; in older firmware a diagnostic value
 
 EIGHT_BIT_PHASE_FLAG = 2
 UMD0_RATE_HZ = 244.14
-"""Sample rate of a uMD0 in Hz. A uMD0 counts only the lines that it sends, so an overrun leaves no
-gap; uMD1 and uMD2 count samples.
+"""Sample rate of a uMD0 in Hz. A uMD0 counts only the lines that it sends, so a lost sample leaves
+no gap; uMD1 and uMD2 count samples.
 """
 WRONG_PHASE_FIRMWARE = 315
-"""Firmware v3.15e of a uMD2 splits the phase so that about half of the values are wrong by a whole
+"""Firmware v3.15e of a uMD2 splits the phase wrongly: about half of the values differ by a whole
 count.
 """
 SPLIT_VERSION_FIRMWARE = range(264, 300)
@@ -49,7 +48,7 @@ class Remark:
 
 class Board:
     """The known properties of a uMD board. ``phase_bits`` (8 or 16) overrides the width of the
-    phase field sent by the firmware.
+    phase field that the firmware sends.
     """
 
     def __init__(self, phase_bits: int | None) -> None:
@@ -59,22 +58,21 @@ class Board:
         self._phase_bits = phase_bits
         self._codes: dict[int, int] = {}
         self.reading = self._read()
-        """The rules for the lines from now on; a change of the board gives another object."""
+        """The rules for the next lines; a change of the board's properties creates a new object."""
 
     @property
     def counts_every_sample(self) -> bool:
-        """Whether a lost sample leaves a gap in the sequence number; False until the rate rules out
-        a uMD0.
+        """Return whether a lost sample leaves a gap in the sequence number; False until the rate
+        excludes a uMD0.
         """
         return self.rate_hz is not None and abs(self.rate_hz / UMD0_RATE_HZ - 1) > 0.01
 
     def knows(self, code: int, data: int) -> bool:
-        """Return whether a code with these data is a repetition."""
         return self._codes.get(code) == data
 
     def hear(self, code: int, data: int) -> Remark | None:
-        """Take a low-speed code with its data. Return the remark of the code: a value of air or
-        material always gives a remark, any other code only if its data changed.
+        """Process a low-speed code with its data, and return its remark. A value of air or material
+        always has a remark; any other code has a remark only if its data changed.
         """
         if code in ENVIRONMENT_CODES:
             name, scale = ENVIRONMENT_CODES[code]

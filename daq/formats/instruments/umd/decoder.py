@@ -1,7 +1,7 @@
-"""`umd`: the line format of the open interferometer displays uMD0, uMD1 and uMD2 (reference:
-instruments 1.A).
+"""`umd`: the line format of the interferometer displays uMD0, uMD1 and uMD2 (reference: instruments
+1.A).
 
-A line holds decimal integers, 8 for one axis or 16 for three, ended by CR LF: REF, MEAS 1,
+A line has 8 decimal integers for one axis, or 16 for three, ended by CR LF: REF, MEAS 1,
 displacement 1, velocity 1, phase 1, sequence number, low-speed code, low-speed data, then MEAS,
 displacement, velocity and phase of axes 2 and 3.
 """
@@ -39,8 +39,8 @@ class UmdSettings:
     head), 2 for a plane mirror interferometer, 4 for high resolution. Positions are computed with
     the vacuum wavelength; the air index is applied later. ``latency_s`` is the delay inside the
     board (uMD1 v60: 24 sample periods). ``phase_bits`` overrides the width of the phase field that
-    the firmware sends. If it is None, the sent width is used, and a non-zero phase is flagged until
-    this width is received.
+    the firmware sends. With ``phase_bits`` None the width from the firmware is used, and a phase
+    other than 0 is flagged until the firmware sends the width.
     """
 
     axis: int = 1
@@ -68,7 +68,8 @@ _RAW_COUNT = (
     Wrap(0, 2**32 - 1, 1000),
 )
 """Ranges of the sequence number. A uMD0 prints its 32-bit number as a signed 16-bit number; the
-other boards wrap at 32 bits. At most 1000 steps are accepted across the end of a range.
+number of a uMD1 or uMD2 wraps at 32 bits. Across the end of a range at most 1000 steps are
+accepted.
 """
 
 _REF, _SEQUENCE, _CODE, _DATA = 0, 5, 6, 7
@@ -76,12 +77,12 @@ _MEAS_DISPLACEMENT_PHASE = {1: (1, 2, 4), 2: (8, 9, 11), 3: (12, 13, 15)}
 
 
 class UmdDecoder:
-    """Decoder of a uMD board (`daq.timing.samples.Decoder`).
+    """Decoder of a uMD board.
 
-    The first line of a stream may lack its beginning: its sample is flagged OUT_OF_RANGE and not
-    used. The flag DEVICE_ERROR would mean a loss of count. A line without the configured axis gives
-    the position NaN, flagged DEVICE_ERROR. The scale of a board with REF = 0 is unknown until the
-    board sends whether it is homodyne; until then the position is NaN, flagged HEAD_ERROR.
+    The first line of a stream may lack its beginning: its sample gets the flag OUT_OF_RANGE,
+    because DEVICE_ERROR would mean a lost count. A line without the configured axis has the
+    position NaN and the flag DEVICE_ERROR. If REF is 0, the scale is unknown until the board sends
+    whether the board is homodyne; until then the position is NaN with the flag HEAD_ERROR.
     """
 
     def __init__(self, settings: UmdSettings) -> None:
@@ -96,21 +97,18 @@ class UmdDecoder:
         self._greeted = False
         self._remarked: set[Message] = set()
         self.nominal_rate_hz: float | None = None
-        """The sample rate in Hz last sent with code 8."""
+        """The last sample rate in Hz that the board sent with code 8."""
         self.gaps_visible = False
-        """False until the rate shows that the board's sequence number also counts samples that the
-        board could not send.
+        """Whether the sequence number also counts samples that the board could not send; False
+        until the board sends its rate.
         """
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
-        """Discard the incomplete line, and skip the rest of this line: the stream was
-        interrupted.
-        """
         self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
-        """Return the samples that ``chunk`` completes; positions in mm by the vacuum wavelength."""
+        """Return the samples of ``chunk``; positions in mm with the vacuum wavelength."""
         block = self._lines.feed(chunk)
         if not block:
             return NOTHING
@@ -141,9 +139,6 @@ class UmdDecoder:
         return batch.samples(arrivals_of_lines(chunks))
 
     def _goes_on(self, rows: Rows) -> bool:
-        """Return whether rows follow the last row, belong to the configured axis, and contain no
-        new code.
-        """
         return (
             rows.shape[1] > self._columns[0]
             and self._track.goes_on(rows[:, _SEQUENCE])
@@ -151,8 +146,8 @@ class UmdDecoder:
         )
 
     def _news(self, rows: Rows) -> list[int]:
-        """Return the indices of rows with a code; empty if every code is a repetition, because a
-        board repeats a few codes all the time.
+        """Return the indices of rows with a code; empty if every code repeats its known data, as
+        most codes do.
         """
         coded = np.flatnonzero(rows[:, _CODE])
         codes = set(
@@ -165,7 +160,6 @@ class UmdDecoder:
         )
 
     def _take_first_line(self, block: bytes, batch: Batch) -> bytes:
-        """Process the first line, whose beginning may be missing; return the rest of the block."""
         line, _, rest = block.partition(b"\n")
         part = parse_line(line)
         if part is not None:
@@ -190,8 +184,8 @@ class UmdDecoder:
         )
 
     def _take_rows(self, rows: Rows, counter: NDArray[np.int64], batch: Batch) -> None:
-        """Add ``rows`` to the batch, in parts: a new part begins where a code changes the decoding
-        of lines.
+        """Add ``rows`` to the batch in parts: a part ends where a code changes the decoding of
+        lines.
         """
         first, base = 0, batch.count
         reading = self._board.reading
@@ -217,7 +211,6 @@ class UmdDecoder:
     def _read(
         self, rows: Rows, counter: NDArray[np.int64], reading: Reading, batch: Batch
     ) -> None:
-        """Add rows that share the same rules of decoding to the batch."""
         meas, displacement, phase = self._columns
         if not len(rows):
             return

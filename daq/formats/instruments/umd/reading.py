@@ -1,7 +1,7 @@
-"""From the numbers of `umd` lines to interferometer cycles and flags of faults.
+"""From the numbers of a uMD line to interferometer cycles and flags.
 
-The rules of the display's own program (reference: instruments 1.A), which subtracts the phase.
-Another public decoder adds the phase, and is wrong according to its author.
+The rules are those of the display's own program (reference: instruments 1.A), which subtracts the
+phase. Another public decoder adds the phase; its author calls the result wrong.
 """
 
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ PhaseUse = Literal["unknown", "8-bit", "16-bit", "ignored"]
 _PHASE_STEPS = {"8-bit": 256.0, "16-bit": 65536.0}
 _PHASE_ERRORS = 0x7E00
 """Bits of the phase field that report a missing first or second REF edge or a missing MEAS edge,
-and the same for PORTB. A negative phase is valid.
+and the bits of the corresponding edges of PORTB. A negative phase is valid.
 """
 _SLEW_MARGIN_HZ = 100_000.0
-"""If MEAS is below 0.1 MHz, or above twice REF less 0.1 MHz, the target is faster than the board
-can count.
+"""Margin of the slew limits in Hz. The target is too fast for the board if MEAS is below 0.1 MHz,
+or above twice REF minus 0.1 MHz.
 """
 
 Column = NDArray[np.int64]
@@ -30,8 +30,8 @@ Column = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """Rules that interpret the lines of a uMD board. ``rate_hz`` converts counts per sample to
-    frequencies; ``homodyne`` is None until the board has sent this property.
+    """Rules for the lines of a uMD board. ``rate_hz`` converts counts per sample to frequencies;
+    ``homodyne`` is None until the board sends this property.
     """
 
     rate_hz: float | None
@@ -42,8 +42,8 @@ class Reading:
     def interpret(
         self, ref: Column, meas: Column, displacement: Column, phase: Column
     ) -> tuple[NDArray[np.float64], NDArray[np.uint16]]:
-        """Return the displacement in cycles (one cycle: half a wavelength divided by the optics
-        factor) and the `Flag` bits, both of shape (rows,).
+        """Return the displacement in cycles and the `Flag` bits, both of shape (rows,). A cycle is
+        half a wavelength divided by the optics factor.
         """
         flags = np.zeros(len(ref), dtype=np.uint16)
         counts = displacement.astype(np.float64)
@@ -54,13 +54,10 @@ class Reading:
         if self.homodyne is None:
             counts[ref == 0] = (
                 np.nan
-            )  # without REF: a head without light, or a board that counts quarters of a cycle
+            )  # without REF the head has no light, or the board counts quarters of a cycle
         return counts / self.counts_per_cycle, flags
 
     def _fraction(self, phase: Column, flags: NDArray[np.uint16]) -> NDArray[np.float64]:
-        """Return the fraction of a count to subtract, 0 where the phase cannot be used; set the
-        faults of the phase in ``flags``.
-        """
         if self.phase_use == "16-bit":
             return phase / _PHASE_STEPS["16-bit"]
         wrong = ((phase & _PHASE_ERRORS) != 0) & (phase >= 0)
@@ -76,8 +73,8 @@ class Reading:
         return fraction
 
     def _judge_beam(self, ref: Column, meas: Column, flags: NDArray[np.uint16]) -> None:
-        """Flag lost beams and slew errors from the counts of REF and MEAS in a sample; a homodyne
-        board sends neither count.
+        """Flag lost beams and slew errors from the counts of REF and MEAS per sample. A homodyne
+        board sends neither REF nor MEAS.
         """
         if not (ref.all() and meas.all()):
             mark(flags, ref == 0, Flag.HEAD_ERROR)

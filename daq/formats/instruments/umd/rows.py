@@ -1,8 +1,8 @@
-"""The text of `umd` lines: blocks of bytes to rows of whole numbers.
+"""The text of uMD lines: blocks of bytes to rows of whole numbers.
 
-`parse_line` defines the conversion of a line. A block is first converted as a whole by numpy,
-thirty times faster. This requires that every line has the same plain form; otherwise the block is
-halved until the line of another form stands alone.
+`parse_line` defines the conversion of a line. numpy converts a block as a whole thirty times
+faster, but only if all its lines have the same plain form; any other block is halved until the
+irregular line is alone.
 """
 
 import re
@@ -20,45 +20,42 @@ Rows = NDArray[np.int64]
 """Lines of one form, shape (lines, 8) or (lines, 16)."""
 
 LINE_CAP = 1024
-"""Longest line in bytes: sixteen fields of 19 characters are 320 bytes, and debug lines may be
-longer.
+"""Longest line in bytes: sixteen fields of 19 characters are 320 bytes; debug lines may be longer.
 """
 
 _SINGLE_AXIS, _MULTI_AXIS = 8, 16
 _INTEGER = rb"-?[0-9]+"
 _LINE = re.compile(rb"\s*%b(?:\s+%b){7}(?:(?:\s+%b){8})?\s*" % (_INTEGER, _INTEGER, _INTEGER))
-"""A line of whole numbers. Any number of blanks may stand around and between the numbers: uMD2
-v2.47r sends a blank after the 16 fields.
+"""A line of whole numbers with any number of blanks around the numbers: uMD2 v2.47r sends a blank
+after the 16 fields.
 """
 _BANNER = re.compile(rb"[A-Za-z][ -~]{3,}")
-"""Printable text that begins with a letter: uMD0 starts with "Minimalist Homodyne Test:"."""
+"""Printable text that begins with a letter: a uMD0 starts with "Minimalist Homodyne Test:"."""
 
 _NUMERALS = b"0123456789-"
 _MINUS, _BLANK, _ZERO = b"- 0"
 _LIMIT = 10**18
-"""Numbers must be smaller: no count of a board is nearly as large, and smaller numbers fit int64.
+"""Limit of the numbers: counts of a board are far smaller, and numbers below this limit fit int64.
 """
 _PADDING = b"0" * 40
-"""A line of 16 numbers below `_LIMIT` is longer than `LINE_CAP` only if a number has as many
-leading zeros as this.
+"""Leading zeros. A line of 16 numbers below `_LIMIT` exceeds `LINE_CAP` only if a number begins
+with as many zeros.
 """
 _SMALL_BLOCK = 200
-"""Size in bytes below which converting the block as a whole costs more than converting its single
-lines.
-"""
+"""Size of a block in bytes; a smaller block is converted faster line by line."""
 
 
 @dataclass(frozen=True, slots=True)
 class OddLine:
-    """A line that holds no sample."""
+    """A line without a sample."""
 
     code: Literal["banner", "debug", "garbage"]
     why: Words
 
 
 def parse_lines(block: bytes) -> Iterator[Rows | OddLine]:
-    """Yield the rows of numbers and the other lines of ``block`` in order. ``block`` is empty or
-    ends with a line feed. Empty lines are skipped.
+    """Yield the rows of numbers and the odd lines of ``block`` in order. ``block`` is empty or ends
+    with a line feed. Empty lines are skipped.
     """
     rows = uniform_rows(block) if len(block) > _SMALL_BLOCK else None
     if rows is not None:
@@ -76,7 +73,7 @@ def parse_lines(block: bytes) -> Iterator[Rows | OddLine]:
 
 
 def parse_line(line: bytes) -> Rows | OddLine | None:
-    """Return the row of numbers of a line, or the kind of a line without a sample; None for an
+    """Return the row of numbers of a line, or an `OddLine` for a line without a sample; None for an
     empty line.
     """
     if len(line) <= LINE_CAP:
@@ -97,8 +94,8 @@ def parse_line(line: bytes) -> Rows | OddLine | None:
 
 
 def uniform_rows(block: bytes) -> Rows | None:
-    """Return the rows of a block whose lines all have 8 or all have 16 plain fields; None
-    otherwise.
+    """Return the rows of a block whose lines all have 8 or all have 16 plain fields; None for any
+    other block.
     """
     first = block[: block.find(b"\n") + 1]
     fields = len(first.split())
@@ -122,7 +119,6 @@ def uniform_rows(block: bytes) -> Rows | None:
 
 
 def _plain_signs(block: bytes) -> bool:
-    """Return whether every minus stands before a digit and after a separator."""
     characters = np.frombuffer(block, dtype=np.uint8)
     minus = characters == _MINUS
     after_none = minus[1:] & (characters[:-1] > _BLANK)

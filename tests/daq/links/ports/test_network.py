@@ -155,7 +155,7 @@ def test_several_things_are_asked_for_at_their_own_pace(pty):
 def test_a_closed_port_an_unknown_name_and_silence_are_told_apart(monkeypatch):
     port = reserved_port()
     assert (
-        "found Connection refused; the host is there and nothing listens on this port"
+        "found Connection refused; the host answers, but nothing listens on this port"
         in refusal(f"socket://127.0.0.1:{port}")
     )
     assert "found no such name; check the name of the host" in refusal(
@@ -197,10 +197,10 @@ def test_a_server_of_plain_bytes_is_not_taken_for_one_that_speaks_rfc_2217(monke
         if "found silence" not in said:
             break
     assert (
-        "expected a terminal server that speaks RFC 2217, found bytes of something else (2b 30 "
+        "expected a terminal server that speaks RFC 2217, found bytes of another protocol (2b 30 "
         "30 30 2e" in said
     )
-    assert "use socket:// in place of rfc2217://" in said
+    assert "use socket:// instead of rfc2217://" in said
 
 
 def test_no_thread_and_no_descriptor_is_left(pty):

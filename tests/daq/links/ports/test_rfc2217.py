@@ -38,7 +38,10 @@ def test_the_settings_are_asked_for_once_the_other_side_takes_the_option():
 def test_a_server_that_keeps_another_rate_is_refused_with_both_rates():
     port = ComPort(SETTINGS)
     port.feed(bytes((IAC, DO, 44)) + answer(1, 0, 0, 0x4B, 0))
-    assert f"{port.refused}" == "the terminal server keeps baud 19200 where 9600 is requested"
+    assert (
+        f"{port.refused}"
+        == "the terminal server keeps baud 19200 instead of the requested 9600"
+    )
     other = ComPort(SETTINGS)
     other.feed(bytes((IAC, DONT, 44)))
     assert "option 44 refused" in f"{other.refused}"

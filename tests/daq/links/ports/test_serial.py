@@ -228,7 +228,8 @@ def test_an_adapter_that_came_back_under_another_number_is_offered(tmp_path, mon
     monkeypatch.setattr(tty, "present_ports", lambda: {"/dev/ttyUSB1": "FT232R"})
     stream = SerialStream(SerialSettings(port=str(tmp_path / "ttyUSB0")), lambda *_: None)
     with pytest.raises(
-        DeviceError, match=r"ttyUSB0: .*this computer has /dev/ttyUSB1.*no pass is lost"
+        DeviceError,
+        match=r"ttyUSB0: .*This computer has the ports /dev/ttyUSB1.*no pass is lost",
     ):
         asyncio.run(stream.session(States()))
 
@@ -245,7 +246,7 @@ def test_a_port_that_does_not_take_the_settings_is_not_blamed_on_the_cable(pty):
     stream = SerialStream(replace(settings(pty), parity="E"), lambda *_: None)
     with pytest.raises(
         DeviceError,
-        match=r"expected a port that takes these settings, found Invalid argument.*parity",
+        match=r"expected a port that accepts these settings, found Invalid argument.*parity",
     ):
         asyncio.run(stream.session(States()))
 
@@ -408,11 +409,11 @@ def counts(monkeypatch):
 @pytest.mark.parametrize(
     ("place", "words"),
     [
-        (7, "the port's own buffer ran over 3 times"),
-        (10, "the system's buffer ran over 3 times"),
+        (7, "the port's own buffer overflowed 3 times"),
+        (10, "the system's buffer overflowed 3 times"),
         (6, "framing was wrong 3 times"),
         (8, "parity was wrong 3 times"),
-        (9, "the line was broken 3 times"),
+        (9, "the line was interrupted 3 times"),
     ],
 )
 def test_bytes_lost_in_the_port_are_said_once_with_where_it_was(pty, counts, place, words):
