@@ -147,8 +147,9 @@ def test_a_survey_that_cannot_be_solved_stays_open(tmp_path):
         told = json.loads(stepdiag("status", place.survey, "--json").out)
         assert told["unsolved"] in opened["reason"]
         assert "nonsense" in told["unsolved"]
-        assert "every pass is in, and there is no result: angles.csv" in live.replace(
-            "\n", " "
+        assert (
+            "every pass is complete, but the survey has no result: angles.csv"
+            in live.replace("\n", " ")
         )
         assert (place.round / "readings.csv").exists()
         with daemon(place.survey) as process:
