@@ -1,7 +1,7 @@
-"""The entry point of the process: ``stepdiag`` and ``python -m stepdiag``.
+"""The entry point of ``stepdiag`` and ``python -m stepdiag``.
 
-The daemon started by systemd (``run FILE``) bypasses the command line, whose libraries would be a
-third of its start and an eighth of its memory for its whole life.
+The daemon started by systemd (``run FILE``) does not import the libraries of the command line: they
+would take a third of its start time and an eighth of its memory.
 """
 
 import os
@@ -12,9 +12,8 @@ from pathlib import Path
 def main() -> None:
     """Run the daemon, or any other command of the command line.
 
-    The solver's matrices are small: with several threads numpy takes seven times the processor
-    time, because the threads wait for each other in a loop. Sums in a fixed order are also the same
-    on every computer.
+    numpy uses one thread, because the solver's matrices are small: several threads need seven times
+    the processor time. Sums in a fixed order are also the same on every computer.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from stepdiag.base.disk.system import LINUX

@@ -105,7 +105,7 @@ def _left_um(exchange: Exchange, chosen: Sequence[int], increments: int) -> floa
 def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequence[int]:
     """Return the lines with the largest gain per minute; the first ``planned`` lines are those
     of the plan. If no lines have a useful gain, return the planned lines, or the best choice if
-    no lines are planned."""
+    no lines are planned; no lines if no line has any gain."""
     todo = list(range(planned))
     now_um, rest_min = _left_um(exchange, (), increments), exchange.minutes(todo, increments)
     found: list[tuple[float, float, Sequence[int]]] = []
@@ -123,7 +123,7 @@ def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequenc
     worth = [one for one in found if now_um - one[0] >= max(LEAST_UM, LEAST_SHARE * now_um)]
     if worth:
         return max(worth, key=lambda one: (now_um - one[0]) / one[1])[2]
-    return todo or min(found)[2]
+    return todo or min(found, default=(0.0, 0.0, ()))[2]
 
 
 def _offered_line(run: Run) -> Run:

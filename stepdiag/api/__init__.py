@@ -119,13 +119,13 @@ def export(
     step_mm: float | None = None,
     accept: Collection[str] = (),
 ) -> ExportReport:
-    """Write the compensation files of a result for a control and return the files and their
-    predicted effect.
+    """Write the compensation files of a result for a control; return the files and their predicted
+    effect.
 
-    ``profile`` is the machine's profile (written by ``stepdiag profile``); without a profile the
-    export is provisional, with the tables at the measured positions or in steps of ``step_mm``.
-    ``accept`` names the accepted warnings. Raises ``SafetyError`` for a failed check, ``DataError``
-    for an unidentified quantity.
+    ``profile`` is the machine's profile (written by ``stepdiag profile``). Without a profile the
+    export is provisional: its tables are at the measured positions or in steps of ``step_mm``.
+    ``accept`` contains the codes of accepted warnings. Raises ``SafetyError`` for a failed check,
+    ``DataError`` for an unidentified quantity.
     """
     found = (
         load_profile(Path(profile), controller_named(controller), result.volume)
@@ -140,9 +140,8 @@ def export(
 def verify(
     result: Result, files: Sequence[Path | str], *, profile: Path | str | None = None
 ) -> Verification:
-    """Return the predicted effect of one control's files on the machine of a result. Raises
-    ``DataError`` for files that belong to no known control.
-    """
+    """Return the predicted effect of the files of one control on the machine of a result. Raises
+    ``DataError`` for files that belong to no known control."""
     read = read_given([Path(file) for file in files])
     found = (
         load_profile(Path(profile), controller_for(read), result.volume)
@@ -155,11 +154,11 @@ def verify(
 def plan(
     survey: Path | str, *, minutes: float | None = None, target_um: float | None = None
 ) -> "Advice":
-    """Return the forecast of a survey file, and the list of surveys that are worth their time, as
-    printed by ``stepdiag plan``.
+    """Return the forecast of a survey file and the recommended surveys, as printed by ``stepdiag
+    plan``.
 
-    ``minutes`` is the available time, ``target_um`` the largest remaining error after compensation
-    (rms over the volume). Raises ``UsageError`` for a file that is not a survey.
+    ``minutes`` is the available time. ``target_um`` is the largest permitted error after
+    compensation (rms over the volume). Raises ``UsageError`` for a file that is not a survey.
     """
     from stepdiag.completion.foreseen import circumstances
     from stepdiag.daq.survey.file import load_survey
@@ -182,11 +181,10 @@ def report(
     language: Literal["en", "de"] = "en",
     pdf: bool = False,
 ) -> list[Path]:
-    """Write the readable report of a result and return the files: FILE.html, FILE.pdf, or a folder
-    for the HTML and every figure as CSV.
+    """Write the report of a result; return its files: FILE.html, FILE.pdf, or a folder with the
+    HTML and every figure as CSV.
 
-    Raises ``UsageError`` where another file exists, or where a PDF is requested and no browser is
-    found.
+    Raises ``UsageError`` if another file exists, or for a PDF without an installed browser.
     """
     from stepdiag.report.document import build_report
     from stepdiag.report.output import write_report
@@ -207,13 +205,12 @@ def certificate(
     report: Path | str | None = None,
     left: Path | str | None = None,
 ) -> int:
-    """Write the digital calibration certificate (DCC) of a result's file and return the number of
-    its sources, each named with its SHA-256.
+    """Write the digital calibration certificate (DCC) of a result's file; return the number of its
+    sources. The certificate contains the SHA-256 of each source.
 
-    ``files`` are the files of an export. ``laboratory`` is the laboratory's file. ``report`` is the
-    output of ``stepdiag report`` for result, export and laboratory. ``left`` is the result's file
-    of the survey after loading. `verify_certificate` computes the certificate again. Raises
-    ``UsageError`` where the file already exists, ``DataError`` for files that do not belong to the
+    ``files`` are the files of an export, ``laboratory`` is the laboratory's file, ``report`` the
+    output of ``stepdiag report``, ``left`` the result's file of the survey after loading. Raises
+    ``UsageError`` for an existing certificate, ``DataError`` for files that do not belong to the
     result.
     """
     stated, shown, after = (

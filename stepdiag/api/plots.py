@@ -1,5 +1,4 @@
-"""The report's figures as matplotlib figures (``stepdiag[notebook]``): functions with their bands,
-the error field, the closure."""
+"""The figures of the report as matplotlib figures (``stepdiag[notebook]``)."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -17,15 +16,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LATTICE = 5
-"""Number of points per axis at which the plot shows the error field."""
+"""Number of points per axis in a plot of the error field."""
 _LONGEST_SHARE = 0.15
-"""Length of the longest drawn error vector, as a share of the longest side of the volume."""
+"""Length of the longest drawn error vector as a share of the longest side of the volume."""
 
 
 def plot_functions(result: Result) -> "Figure":
-    """Return a figure with a panel for each identified function: the mean of both directions with U
-    (k = 2), and the two directions if the data give them. Raises UsageError without matplotlib, or
-    without an identified function.
+    """Return a figure with one panel per identified function: the mean of both directions with U (k
+    = 2), and both directions if the data contain them.
+
+    Raises UsageError without matplotlib or without an identified function.
     """
     names = [name for name in (*DISPLACEMENTS, *ROTATIONS) if result.knows(name)]
     if not names:
@@ -56,10 +56,10 @@ def plot_functions(result: Result) -> "Figure":
 
 
 def plot_field(result: Result) -> "Figure":
-    """Return a figure of the error vectors in the volume, rigid motion removed; its title states
+    """Return a figure of the error vectors in the volume, rigid motion removed. The title contains
     the length of the longest vector.
 
-    Raises UsageError where matplotlib is not installed.
+    Raises UsageError without matplotlib.
     """
     figure = _figure(7.0, 6.0)
     points = lattice_mm(result.volume, LATTICE)
@@ -80,7 +80,7 @@ def plot_field(result: Result) -> "Figure":
 def plot_closure(result: Result) -> "Figure":
     """Return a figure of the closure of the four diagonals by axis and node, in um.
 
-    Raises UsageError where matplotlib is not installed or the result holds no closure.
+    Raises UsageError without matplotlib or for a result without a closure.
     """
     if result.closure_um is None:
         raise UsageError(
@@ -98,7 +98,6 @@ def plot_closure(result: Result) -> "Figure":
 
 
 def _figure(width_in: float, height_in: float) -> "Figure":
-    """Return an empty figure without a window: a notebook draws it, ``savefig`` writes it."""
     try:
         from matplotlib.figure import Figure
     except ImportError:

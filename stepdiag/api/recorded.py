@@ -17,17 +17,15 @@ from stepdiag.daq.timing.samples import Samples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedLog:
-    """A log as numpy arrays. ``laser`` holds every sample in columns; ``stops`` holds the captured
-    stops, in order.
-    """
+    """A log as numpy arrays. ``laser`` contains every sample as columns, ``stops`` the captured
+    stops in order."""
 
     laser: Samples
     stops: tuple[CapturedStop, ...]
 
 
 def read_log(path: Path | str) -> RecordedLog:
-    """Return a log as numpy arrays: every sample of its laser, decoded again from the raw bytes,
-    and its stops.
+    """Return the stops of a log and every sample of its laser, decoded again from the raw bytes.
 
     Raises ``DataError`` for a file that is not a log of this program.
     """
@@ -52,7 +50,6 @@ def read_log(path: Path | str) -> RecordedLog:
 
 
 def _one_batch(batches: Sequence[Samples]) -> Samples:
-    """Return several batches of samples as one, without their remarks, which the replay gives."""
     return Samples(
         counter=np.concatenate([batch.counter for batch in batches]),
         position_mm=np.concatenate([batch.position_mm for batch in batches]),

@@ -1,8 +1,6 @@
-"""Tables of the public interface: a column per name, a row per reading, stop, sample, value or
-finding.
+"""Tables for notebooks: readings, stops, samples, values or findings, one row each.
 
-`table` returns plain lists; `frame` returns the same columns as a pandas DataFrame
-(``stepdiag[notebook]``).
+`table` returns plain lists; `frame` returns a pandas DataFrame (``stepdiag[notebook]``).
 """
 
 from collections.abc import Iterable, Sequence
@@ -52,12 +50,12 @@ _OF_A_FINDING = (
 
 @singledispatch
 def table(of: object) -> Table:
-    """Return readings, the stops of a log, its samples, the functions of a result or findings as
+    """Return readings, the stops or samples of a log, the functions of a result, or findings as
     columns of equal length.
 
     A result gives one row per value of a function: name, unit, position_mm, value, u. Samples have
-    the columns of `daq.timing.samples.Samples` without channels; ``counter`` is the instrument's
-    own clock. Raises UsageError for another type of value.
+    the columns of `daq.timing.samples.Samples` without channels; ``counter`` is the clock of the
+    instrument. Raises UsageError for any other type.
     """
     expected = message(
         "one-of", names=("Readings", "RecordedLog", "Samples", "Result", "Finding")
@@ -127,9 +125,8 @@ def _(of: Sequence[CapturedStop | Finding]) -> Table:
 
 
 def frame(of: object) -> "pd.DataFrame":
-    """Return the columns of `table` as a DataFrame. Raises UsageError where pandas is not
-    installed, and the errors of `table`.
-    """
+    """Return the columns of `table` as a DataFrame. Raises UsageError without pandas, and the
+    errors of `table`."""
     try:
         import pandas as pd
     except ImportError:

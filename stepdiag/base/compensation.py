@@ -1,6 +1,5 @@
-"""The compensation that was active in the control during the measurement: the statement of a
-survey, in the form stored in its result.
-"""
+"""The statement of a survey or a result about the compensation that was active in the control
+during the measurement."""
 
 import hashlib
 from collections.abc import Mapping
@@ -17,20 +16,19 @@ from stepdiag.base.settings import UNANSWERED
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
-    """The statement about the compensation: ``state`` is None without a survey, ``"?"`` where the
-    survey leaves the question open.
-    """
+    """Whether a compensation was active during the measurement: ``state`` is None in a result
+    without a survey, ``"?"`` for a survey that does not answer the question."""
 
     state: Literal["off", "on", "?"] | None = None
     files: tuple[ActiveFile, ...] = ()
 
     def facts(self, facts: Facts | None = None) -> Facts:
-        """Return the facts of a survey with this statement about the compensation added."""
+        """Return the facts of a survey together with this statement."""
         state = None if self.state == UNANSWERED else self.state
         return replace(facts or Facts(), compensation=state, active_files=self.files)
 
     def words(self) -> str:
-        """Return the statement about the compensation in one line, for log and report."""
+        """Return this statement as one line for the journal and the report."""
         if self.state not in ("off", "on"):
             return "not stated"
         named = "; ".join(
@@ -46,9 +44,8 @@ def stated(
     day: date | None,
     source: str,
 ) -> Statement:
-    """Return the statement that ``files`` were active, read out on ``day`` in the way
-    ``source``.
-    """
+    """Return the statement that ``files`` were active and were read out on ``day`` in the way
+    ``source``."""
     rows = tuple(
         ActiveFile(
             name=name,
@@ -62,9 +59,7 @@ def stated(
 
 
 def stated_in(result: Result) -> Statement:
-    """Return the statement about the compensation in a result. Raises ``DataError`` where the
-    statement is damaged.
-    """
+    """Return the statement in a result. Raises ``DataError`` for a damaged statement."""
     facts = result.survey
     if facts is None:
         return Statement()

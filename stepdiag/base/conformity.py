@@ -1,20 +1,19 @@
-"""Does a machine conform to its tolerances: a verdict by ISO 14253-1 with the probability of
-conformity by JCGM 106, from a result alone.
+"""The verdict whether a machine conforms to its tolerances (ISO 14253-1), with the probability of
+conformity (JCGM 106).
 
-A tolerance limits a magnitude: the measurand Y conforms where |Y| is at most T. By the measurement,
-Y has a distribution: normal with value and combined standard uncertainty for a number, the draws of
-the posterior for a skewed figure (a length, a range).
+A tolerance limits a magnitude: the measurand Y conforms if |Y| is at most T. The distribution of a
+number is normal, with its value and its combined standard uncertainty. The distribution of a skewed
+figure (a length, a range) consists of draws from the posterior.
 
-    probability of conformity   p = Pr(-T <= Y <= T | measured)                         JCGM
-    106:2012, 7
-    conform                     the whole coverage interval (k = 2) lies within T       ISO 14253-1,
-    guard band g = U
-    not conform                 the whole coverage interval lies outside of T
-    not decidable               the interval holds a limit
+    probability of conformity   p = Pr(-T <= Y <= T | measured)  (JCGM 106:2012, 7)
+    conform                     the whole coverage interval (k = 2) is within T
+                                (ISO 14253-1, guard band g = U)
+    not conform                 the whole coverage interval is outside T
+    not decidable               the interval contains a limit
 
-For a normal Y far from the other limit this is |y| + U <= T, which accepts a machine at the limit
-in 2.3 % of all surveys. The interval of a volumetric figure is that of `base.result.prediction`:
-2.3 % of the draws lie above it and 0.5 % below.
+For a normal Y far from the other limit, "conform" means |y| + U <= T: a machine exactly at the
+limit is accepted in 2.3 % of all surveys. The interval of a volumetric figure comes from
+`base.result.prediction`: 2.3 % of the draws are above it and 0.5 % below it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -45,22 +44,20 @@ from stepdiag.base.volume import Vector, anywhere_mm
 
 SQUARENESS_URAD = "squareness_urad"
 POSITIONING_UM = {"positioning_e_um": "E", "positioning_a_um": "A"}
-"""Figures of ISO 230-2 along every axis that may have a tolerance: the name of the tolerance and
-the symbol of the figure.
-"""
+"""Figures of ISO 230-2 that may have a tolerance: the name of the tolerance and the symbol of the
+figure."""
 COVERAGE = 2.0
-"""Every uncertainty shown to a person is expanded, k = 2 (ISO/TR 230-9)."""
+"""Coverage factor of every uncertainty that a person reads (ISO/TR 230-9)."""
 Unit = Literal["um", "urad"]
 
 
 def probability(
     value: float, u: float, tolerance: float, least: float | None = None
 ) -> float:
-    """Return the probability that a normal measurand lies from ``least`` (None: minus
-    ``tolerance``) to ``tolerance``.
+    """Return the probability that a normal measurand is between ``least`` (None: minus
+    ``tolerance``) and ``tolerance`` (JCGM 106:2012, 7.3 to 7.5).
 
-    ``u`` is the standard uncertainty of the measurand; with 0 the measurand equals its value.
-    Source: JCGM 106:2012, 7.3 to 7.5.
+    ``u`` is the standard uncertainty of the measurand; with ``u`` = 0 the result is 0 or 1.
     """
     low = -tolerance if least is None else least
     if u == 0.0:
@@ -73,9 +70,8 @@ def _normal(z: float) -> float:
 
 
 def verdict_of(low: float | None, high: float | None, tolerance: float) -> Verdict:
-    """Return the verdict about a measurand by its coverage interval; ``tolerance`` is the largest
-    magnitude allowed. Without an interval the measurand is not decidable.
-    """
+    """Return the verdict about a measurand by its coverage interval. ``tolerance`` is the largest
+    permitted magnitude. A measurand without an interval is not decidable."""
     if low is None or high is None:
         return "not_decidable"
     if -tolerance <= low and high <= tolerance:
@@ -84,9 +80,8 @@ def verdict_of(low: float | None, high: float | None, tolerance: float) -> Verdi
 
 
 def together(verdicts: Iterable[Verdict]) -> Verdict:
-    """Return the verdict about a machine from the verdicts about its figures: not conform if one
-    figure is not, conform if all are.
-    """
+    """Return the verdict about a machine: not conform if one of its figures is not conform, conform
+    if all figures are conform."""
     found = set(verdicts)
     if "not_conform" in found:
         return "not_conform"
@@ -94,9 +89,8 @@ def together(verdicts: Iterable[Verdict]) -> Verdict:
 
 
 def with_tolerance(result: Result, tolerance: Mapping[str, float]) -> Result:
-    """Return the result with tolerances, by quantity, and with the verdicts on its conformity to
-    the tolerances; without tolerances the unchanged result.
-    """
+    """Return the result with these tolerances and the verdicts about them. Without tolerances the
+    result stays unchanged."""
     if not tolerance:
         return result
     known = replace(result, tolerance=dict(tolerance))
@@ -112,7 +106,6 @@ def with_tolerance(result: Result, tolerance: Mapping[str, float]) -> Result:
 
 
 def conformity_of(result: Result) -> Conformity:
-    """Return the conformity of a result to the tolerances stored in the result."""
     tolerance = result.tolerance or {}
     figures = None if result.predicted is None else result.predicted.without_rigid_motion
     found = (
@@ -143,7 +136,8 @@ def _compensated(result: Result) -> Result:
     """Return the result after an ideal compensation: every identified squareness and displacement
     function is zero within its u.
 
-    No table removes an angular error. The figures E and A then do not contain the reversal.
+    A table removes no angular error. The figures E and A of the returned result do not contain the
+    reversal.
     """
     errors = {
         name: one if one.value is None else replace(one, value=np.zeros_like(one.value))
@@ -159,9 +153,8 @@ def _compensated(result: Result) -> Result:
 def judged_volume(
     tolerance: Mapping[str, float], figures: FieldFigures | None
 ) -> tuple[Judged, ...]:
-    """Return the verdicts on the volumetric figures with a tolerance; ``figures`` is None where no
-    volume was surveyed.
-    """
+    """Return the verdicts about the volumetric figures that have a tolerance. ``figures`` is None
+    for a survey of less than three axes."""
     intervals = (None, None) if figures is None else (figures.rms_um, figures.largest_um)
     pairs = zip((VOLUMETRIC_RMS, VOLUMETRIC_LARGEST), intervals, strict=True)
     return tuple(
@@ -217,9 +210,6 @@ def _squareness(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judg
 
 
 def _positioning(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judged]:
-    """Yield the verdicts on the figures E and A (ISO 230-2) of every run along an axis; without
-    such a run both are not decidable.
-    """
     runs = {
         name: found[0]
         for name, found in (result.standards or {}).items()
@@ -252,11 +242,11 @@ def _functions(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judge
 
 
 def _drawn(result: Result, names: list[str]) -> dict[str, tuple[Vector, float]]:
-    """Return the range (largest less smallest value) of functions: of machines drawn from the
-    posterior, shape (draws,), and of the functions as found.
+    """Return the range (largest less smallest value) of a function for machines drawn from the
+    posterior, shape (draws,), and for the function as found.
 
-    Straightness and a function whose slope is not identified have their end-point line removed.
-    Deviations have the correlations of the posterior and the u that the result states.
+    Straightness, and a function with unidentified slope, have their end-point line removed. The
+    draws have the correlations of the posterior and the u of the result.
     """
     if result.posterior is None or not names:
         return {}
@@ -286,14 +276,14 @@ def _drawn(result: Result, names: list[str]) -> dict[str, tuple[Vector, float]]:
 
 
 def _interval(drawn: Vector, found: float, tolerance: float) -> Interval:
-    """Return the interval of a function's range from the ranges of drawn machines; ``found`` is the
-    range of the function as found.
+    """Return the interval (k = 2) of the range of a function, from the ranges of drawn machines;
+    ``found`` is the range of the function as found.
 
-    Noise enlarges a range: the estimated range contains the noise once, the ranges of the draws
-    contain it twice. The upper end of the interval is that of the draws, so that no machine is
-    accepted because its range is short by chance. The lower end is the lower of two values: the
-    lower end of the draws less twice their bias, or that of the pivotal interval (2 found - high).
-    A function that a table corrects is zero: only its drawn residue is left.
+    Noise enlarges a range. The estimated range contains the noise once, the ranges of the draws
+    contain it twice. The upper end of the interval is that of the draws: a range that is short by
+    chance then causes no acceptance. The lower end is the smaller of two values: the lower end of
+    the draws less twice their bias, and that of the pivotal interval (2 found - high). A function
+    that a table corrects is zero except for its drawn residue.
     """
     low, middle, high = np.quantile(drawn, (TAIL, 0.5, 1.0 - TAIL)).tolist()
     if found:
@@ -304,9 +294,6 @@ def _interval(drawn: Vector, found: float, tolerance: float) -> Interval:
 
 
 def _range(function: Function | None) -> tuple[float | None, float | None]:
-    """Return the range of a function and the standard uncertainty of the range; None for both where
-    the function is not identified.
-    """
     if function is None or function.value is None:
         return None, None
     low, high = int(np.argmin(function.value)), int(np.argmax(function.value))

@@ -1,6 +1,5 @@
-"""CSV tables as people write them: comments, blank lines, a byte order mark, and error messages
-that name the line.
-"""
+"""CSV tables with comments, blank lines or a byte order mark; every error message contains the
+line."""
 
 import csv
 import math
@@ -11,13 +10,11 @@ from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
 
 LARGEST = 1e12
-"""Largest magnitude of a number in a table. No position, error, time or count of a machine is
-nearly as large; the square of a larger number would soon not be finite.
-"""
+"""Largest magnitude of a number in a table: every position, error, time and count of a machine is
+smaller, and its square is still finite."""
 MOST_ROWS = 2_000_000
-"""Largest number of rows of a table: the fastest head gives fewer rows in a stability test of half
-an hour.
-"""
+"""Largest number of rows of a table: a stability test of half an hour with the fastest head gives
+fewer rows."""
 
 
 def read_table(
@@ -27,11 +24,11 @@ def read_table(
     alias: Mapping[str, str] | None = None,
     most_rows: int = MOST_ROWS,
 ) -> list[tuple[int, dict[str, str]]]:
-    """Return (line number, fields by column) of every row of a CSV with a header.
+    """Return (line number, fields by column) for every row of a CSV with a header.
 
-    A byte order mark, CRLF, blank lines and lines that begin with ``#`` are accepted; ``alias``
+    The reader accepts a byte order mark, CRLF, blank lines, and comment lines (``#``). ``alias``
     maps other spellings of column names. Raises ``DataError`` for missing or repeated columns,
-    other separators, rows of another length and tables without rows.
+    other separators, rows of different length, and tables without rows.
     """
     numbered = enumerate(text.removeprefix("\ufeff").splitlines(), start=1)
     content = [
@@ -122,8 +119,7 @@ def number_in(
     least: float = -math.inf,
 ) -> float:
     """Return the finite number in a field; NaN for an optional field that is empty or absent.
-    Raises ``DataError`` for any other text.
-    """
+    Raises ``DataError`` for any other text."""
     text = fields.get(name, "")
     if optional and not text:
         return math.nan
@@ -141,9 +137,8 @@ def number_in(
 
 
 def whole_number_in(fields: Mapping[str, str], name: str, where: str, *, least: int) -> int:
-    """Return the whole number in a field. Raises ``DataError`` for any other text, or a number
-    below ``least``.
-    """
+    """Return the whole number in a field. Raises ``DataError`` for a number below ``least`` or any
+    other text."""
     text = fields[name]
     if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) >= least):
         raise DataError(

@@ -1,4 +1,4 @@
-"""Every refusal of the program, by cause.
+"""The errors of the program by cause.
 
     StepdiagError            never raised itself
     ├── UsageError           wrong usage, survey file or profile       (also a ValueError)
@@ -6,8 +6,8 @@
     ├── DeviceError          a device cannot be reached or misbehaves  (also a ConnectionError)
     └── SafetyError          an export was refused by a safety check   (also a ValueError)
 
-The exceptions are on the lowest floor so that every floor can raise them. Only the command line
-turns a cause into an exit code.
+The exceptions are on the lowest floor, so every floor can raise them. Only the command line maps a
+cause to an exit code.
 """
 
 import errno
@@ -18,10 +18,9 @@ from stepdiag.base.messages import Message, Words, message, message_of
 
 
 class StepdiagError(Exception):
-    """An error message in four parts: place, expected value, value found and remedy. Each part is a
-    message, a name or a value.
+    """An error message in four parts: place, expected value, found value, remedy.
 
-    ``where`` names the file and the field or stop (``survey.toml: plc.poll_hz``). ``message``
+    ``where`` contains the file and the field or stop (``survey.toml: plc.poll_hz``). ``message``
     contains all four parts; the text of the exception is its English form.
     """
 
@@ -46,20 +45,18 @@ class UsageError(StepdiagError, ValueError):
 
 
 class DataError(StepdiagError, ValueError):
-    """The data do not support the request: missing pass, broken beam, wrong sequence, damaged
-    file.
-    """
+    """The data do not support the request. Examples: a missing pass, a broken beam, a damaged
+    file."""
 
 
 class DeviceError(StepdiagError, ConnectionError):
-    """A device cannot be reached, or gives an invalid answer."""
+    """A device cannot be reached, or its answer is invalid."""
 
 
 class SafetyError(StepdiagError, ValueError):
-    """An export was refused by a safety check; ``code`` names the check: a code of
-    docs/findings.md, or code and variant.
+    """A safety check refused an export. ``code`` is the key of the check in docs/findings.md.
 
-    A person can accept a warning of such a check by its code.
+    A person can accept a warning of a safety check by this code.
     """
 
     def __init__(
@@ -76,9 +73,8 @@ def _of_the_system(code: int) -> Message | None:
 
 
 def system_words(error: Exception | int) -> Words:
-    """Return the error for a refusal by the operating system, from the number of the refusal: a
-    message for the common ones, else the text of the operating system.
-    """
+    """Return the message for an error number of the operating system; for a rare number the text of
+    the operating system."""
     code = error if isinstance(error, int) else getattr(error, "errno", None)
     if code is None:
         return str(error)

@@ -1,9 +1,7 @@
-"""Files are read up to a limit of size. A file, or a group of files that belong together, is
-written completely or not at all.
+"""Reading of files up to a size limit, and writing of files or groups of files completely or not at
+all.
 
-Existing files are kept unless the caller asks otherwise.
-
-Text is UTF-8 with LF in every file.
+Existing files are kept unless the caller requests replacement. Text files are UTF-8 with LF.
 """
 
 import hashlib
@@ -22,17 +20,14 @@ from stepdiag.base.errors import DataError, UsageError, system_words
 from stepdiag.base.messages import Words, message
 
 LARGEST_BYTES = 64_000_000
-"""Size in bytes of the largest file that is read into memory at once: no survey leaves a larger
-file, and a parser may need twenty times as much.
-"""
+"""Size in bytes of the largest file that is read at once. Every file of a survey is smaller, and a
+parser can need twenty times as much memory."""
 LARGEST_SETTINGS_BYTES = 1_000_000
-"""Size in bytes of the largest settings file that a person writes: a survey, a profile, a
-calibration.
-"""
+"""Size in bytes of the largest settings file that a person writes, for example a survey file or a
+profile."""
 LARGEST_TABLE_BYTES = 4_000_000
 """Size in bytes of the largest table of a machine that a profile names, and of the largest file
-stored in a log.
-"""
+stored in a log."""
 HASH_SUFFIX = ".sha256"
 FILE_SUFFIXES = (
     ".csv",
@@ -54,7 +49,7 @@ FILE_SUFFIXES = (
     ".xml",
     ".zip",
 )
-"""File endings: a name with one of these endings does not name a folder."""
+"""Endings of file names. A path with one of these endings is not used as a folder."""
 
 
 def read_bytes(
@@ -66,11 +61,11 @@ def read_bytes(
     remedy: Words = "",
     blame: type[UsageError | DataError] = DataError,
 ) -> bytes:
-    """Return the bytes of a file; ``where`` is the field of a file that names this file, if any; a
-    terminal or a pipe is then refused.
+    """Return the bytes of a file. ``where`` is the field of the settings file that names this file.
+    In this case a terminal or a pipe is refused.
 
-    Raises UsageError for an unreadable file, the error type ``blame`` for more than ``largest``
-    bytes.
+    Raises UsageError for an unreadable file, the error type ``blame`` for a file of more than
+    ``largest`` bytes.
     """
     if where and path.exists() and not path.is_file():
         raise UsageError(
@@ -100,7 +95,7 @@ def read_bytes(
 
 
 def as_text(data: bytes, where: str, blame: type[UsageError | DataError] = DataError) -> str:
-    """Return bytes as text. Raises the error type ``blame`` where the bytes are not UTF-8."""
+    """Return bytes as text. Raises the error type ``blame`` for bytes that are not UTF-8."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -112,11 +107,11 @@ def as_text(data: bytes, where: str, blame: type[UsageError | DataError] = DataE
 
 
 def read_text(path: Path) -> str:
-    """Return a text file in UTF-8 whose bytes match the hash file beside it; without a hash file
-    the text is returned unchecked, since another program wrote it.
+    """Return the text of a UTF-8 file. If a hash file exists beside the file, the bytes are
+    compared with the hash: a disk error can change a digit.
 
-    The check finds a digit that a disk error has changed. Raises UsageError for an unreadable file,
-    DataError for a file that is too large, not UTF-8, or does not match its hash.
+    Raises UsageError for an unreadable file. Raises DataError for a file that is too large, not
+    UTF-8, or different from its hash.
     """
     data, beside = read_bytes(path), _hash_beside(path)
     if beside.is_file():
@@ -128,9 +123,8 @@ def read_text(path: Path) -> str:
 
 
 def require_hash(data: bytes, line: bytes, where: str, beside: str) -> None:
-    """Raise DataError where bytes do not have the SHA-256 in ``line``, the line of sha256sum from
-    the file ``beside``.
-    """
+    """Raise DataError if the SHA-256 of the bytes differs from the SHA-256 in ``line``, a line of
+    sha256sum from the file ``beside``."""
     found = hashlib.sha256(data).hexdigest()
     # the name behind the hash is not compared: file and hash file may have been copied to another
     # name
@@ -145,11 +139,11 @@ def require_hash(data: bytes, line: bytes, where: str, beside: str) -> None:
 
 
 def write_together(files: Mapping[Path, bytes], *, over: bool) -> None:
-    """Write files that belong together: all of them complete, or none; their folders are made.
+    """Write all of these files or none of them; missing folders are made.
 
-    With ``over``, older files are replaced, and restored if one of the new files cannot be written.
-    Otherwise no file is overwritten: the same bytes stay, and other bytes are refused (UsageError)
-    before anything is written. Raises OSError for an error of the disk.
+    With ``over``, older files are replaced, and restored if a new file cannot be written. Otherwise
+    an existing file with the same bytes stays, and an existing file with other bytes is refused
+    (UsageError) before the first write. Raises OSError for an error of the disk.
     """
     wanted = {
         path: data for path, data in files.items() if over or not _stands_there(path, data)
@@ -165,27 +159,23 @@ def write_together(files: Mapping[Path, bytes], *, over: bool) -> None:
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file, over an older file if necessary, so that a reader gets either the old or the
-    complete new file; its folder is made.
-    """
+    """Write or replace a file; its folder is made. A reader gets either the complete old file or
+    the complete new file."""
     write_together({path: data}, over=True)
 
 
 def holds(path: Path, data: bytes) -> bool:
-    """Return whether a file with exactly these bytes exists."""
     return path.is_file() and path.stat().st_size == len(data) and path.read_bytes() == data
 
 
 def write_once(path: Path, text: str) -> None:
-    """Write a text file, complete or not at all; its folder is made. The same bytes may be written
-    again; other bytes are refused (UsageError).
-    """
+    """Write a text file completely or not at all; its folder is made. Raises UsageError if the file
+    exists with other bytes."""
     write_together({path: text.encode("utf-8")}, over=False)
 
 
 def hashed(files: Mapping[Path, str]) -> dict[Path, bytes]:
-    """Return text files, each with its SHA-256 beside it (``NAME.sha256``, as ``sha256sum --check``
-    reads it), to be written together."""
+    """Return text files, each with its SHA-256 file ``NAME.sha256`` (for ``sha256sum --check``)."""
     found = {}
     for path, text in files.items():
         found[path] = text.encode("utf-8")
@@ -196,8 +186,8 @@ def hashed(files: Mapping[Path, str]) -> dict[Path, bytes]:
 
 
 def write_hashed(path: Path, text: str) -> None:
-    """Write a text file and its hash, both or neither. The same bytes may be written again; other
-    bytes are refused (UsageError)."""
+    """Write a text file and its hash file, both or neither. Raises UsageError if one of them exists
+    with other bytes."""
     write_together(hashed({path: text}), over=False)
 
 
@@ -206,7 +196,8 @@ def _hash_beside(path: Path) -> Path:
 
 
 def refuse_existing(path: Path) -> None:
-    """Raise UsageError where a file already exists, before a command asks questions."""
+    """Raise UsageError for an existing file. Commands call this function before they ask
+    questions."""
     if path.exists():
         raise UsageError(
             str(path),
@@ -217,9 +208,8 @@ def refuse_existing(path: Path) -> None:
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a new text file, complete or not at all. Raises UsageError if it exists or cannot be
-    written.
-    """
+    """Write a new text file completely or not at all. Raises UsageError if the file exists or
+    cannot be written."""
     refuse_existing(path)
     try:
         path.parent.stat()  # a missing folder means a wrong name
@@ -231,7 +221,7 @@ def write_new(path: Path, text: str) -> None:
 
 
 def refuse_file_name(out: Path, expected: str = "a folder") -> None:
-    """Raise UsageError where the name for a new folder is that of a file, such as
+    """Raise UsageError if the name for a new folder has the ending of a file, such as
     ``report.pdf``."""
     if out.suffix.lower() in FILE_SUFFIXES and not out.is_dir():
         raise UsageError(
@@ -243,9 +233,6 @@ def refuse_file_name(out: Path, expected: str = "a folder") -> None:
 
 
 def _stands_there(path: Path, data: bytes) -> bool:
-    """Return whether this file already exists with these bytes. Raises UsageError where a file with
-    other bytes is in its place.
-    """
     if holds(path, data):
         return True
     if path.exists():
@@ -260,7 +247,6 @@ def _stands_there(path: Path, data: bytes) -> bool:
 
 
 def _publish(part: Path, path: Path, data: bytes, undo: ExitStack, *, over: bool) -> None:
-    """Rename a written file to its name, and record the undo step."""
     if not over:
         try:
             publish_new(part, path)

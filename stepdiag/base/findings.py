@@ -23,7 +23,7 @@ __all__ = ["Finding", "Severity", "error", "finding", "in_words", "info", "warni
 
 NOWHERE = Place()
 PROOF = "proof"
-"""The code of a finding in a result: the verdict of a proof run."""
+"""Code of the finding with the verdict of a proof run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,11 +31,10 @@ class Finding:
     """A finding, made by `finding` from a message. ``code`` is stable and documented in
     docs/findings.md.
 
-    ``text`` is the English sentence of the finding; an old log or result contains only this text.
-    ``setup``, ``way``, ``pass_number`` and ``stop`` are the place of the finding, if known;
-    ``last`` is the number of the last stop of the pass. ``size_um`` is the size of the fault.
-    ``among`` are the passes, written ``ppp/1``, one of which is concerned; the data do not show
-    which.
+    ``text`` is the English sentence. Old logs and results contain only this text. ``setup``,
+    ``way``, ``pass_number`` and ``stop`` are the place of the finding if known; ``last`` is the
+    number of the last stop of the pass. ``size_um`` is the size of the fault. ``among`` contains
+    the passes (``ppp/1``) that can be the cause if the data do not show which pass is the cause.
     """
 
     code: str
@@ -52,20 +51,17 @@ class Finding:
 
     @property
     def action(self) -> Action:
-        """Return the action required of a person."""
         return finding_action(self.code, self.severity)
 
     @property
     def key(self) -> str:
-        """Return the finding's code with the variant of its message; without a variant for a
-        message that is used for several codes.
-        """
+        """Return the code with the variant of the message; a message that several codes use has no
+        variant."""
         words = self.message
         return words.key if words is not None and words.code == self.code else self.code
 
     @property
     def place(self) -> Place:
-        """Return the place of the finding."""
         return Place(
             setup=self.setup,
             way=self.way,
@@ -76,22 +72,20 @@ class Finding:
 
     @property
     def words(self) -> Words:
-        """Return the message of the finding, preceded by its place; only the text for a finding of
-        an old log or result.
-        """
+        """Return the place and the message of the finding; only the text for a finding of an old
+        log or result."""
         return self.text if self.message is None else at(self.place, self.message)
 
     def is_accepted(self, accept: Container[str]) -> bool:
-        """Return whether a person has accepted the finding: by its code, by its key, or by a name
-        of an older version.
-        """
+        """Return whether a person has accepted the finding by its code, its key, or its code in an
+        older version."""
         return accepted(self.code, self.key, accept)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON form of the contract: code, severity, action, text, arguments of the
+        """Return the finding as JSON of contract 4: code, severity, action, text, arguments of the
         text, and place if known.
 
-        ``key`` names the sentence, for a code with several sentences.
+        ``key`` is included for a code with several sentences.
         """
         place = {
             "setup": self.setup or None,
@@ -119,10 +113,10 @@ class Finding:
 
 
 def in_words(found: Finding, language: Language, stops: Sequence[int] = ()) -> str:
-    """Return a finding in words of a language; ``stops`` are all stops of the pass with this
+    """Return the sentence of a finding in a language. ``stops`` are all stops of the pass with this
     finding, by default the stop of its place.
 
-    The text of an old log or result is returned unchanged.
+    The text of an old log or result stays unchanged.
     """
     if found.message is None:
         return found.text
@@ -139,8 +133,8 @@ def finding(
     size_um: float | None = None,
     among: tuple[str, ...] = (),
 ) -> Finding:
-    """Return the finding of a message. The finding's code is the message's key without the variant;
-    a message that is used for several codes (a phrase) needs ``code``.
+    """Return the finding of a message. Its code is the key of the message without the variant. A
+    message that several codes use (a phrase) needs ``code``.
 
     Raises KeyError for a phrase without a code.
     """
@@ -162,15 +156,15 @@ def finding(
 
 
 def error(key: str, /, **arguments: Argument) -> Finding:
-    """Return an error without a place: the finding of `message` with this key and arguments."""
+    """Return an error without a place, from the key and the arguments of its message."""
     return finding("error", message_with(key, arguments))
 
 
 def warning(key: str, /, **arguments: Argument) -> Finding:
-    """Return a warning without a place: the finding of `message` with this key and arguments."""
+    """Return a warning without a place, from the key and the arguments of its message."""
     return finding("warning", message_with(key, arguments))
 
 
 def info(key: str, /, **arguments: Argument) -> Finding:
-    """Return a note without a place: the finding of `message` with this key and arguments."""
+    """Return a note without a place, from the key and the arguments of its message."""
     return finding("info", message_with(key, arguments))

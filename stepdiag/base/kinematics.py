@@ -1,8 +1,9 @@
 """Kinematic chains and their Abbe arms (theory of the rigid-body model, section 2.2).
 
-A chain is the order of the axes from workpiece to tool. ``FXYZ`` puts the bed ``F`` first: all axes
-carry the tool. In the ISO 10791-6 form ``[w X' b Y Z t]`` the bed is ``b`` and a prime marks an
-axis that carries the work; primes may be left out, because the position of ``b`` implies them.
+A chain is the order of the axes from workpiece to tool. In ``FXYZ`` the bed ``F`` comes first, so
+all axes carry the tool. In the ISO 10791-6 form ``[w X' b Y Z t]`` the bed is ``b``, and a prime
+marks an axis that carries the work. Primes are optional, because the position of ``b`` determines
+them.
 """
 
 from typing import NamedTuple
@@ -18,17 +19,15 @@ from stepdiag.base.volume import Vector
 
 class Chain(NamedTuple):
     """A chain as two lists of axes (0, 1, 2): the axes that carry the work, from workpiece to bed,
-    and those that carry the tool, from bed to tool.
-    """
+    and the axes that carry the tool, from bed to tool."""
 
     work: tuple[int, ...]
     tool: tuple[int, ...]
 
 
 def parse_chain(text: str, where: str = "chain") -> Chain:
-    """Return the axes on both sides of the bed. Raises ``UsageError`` for anything but each axis
-    once and a single bed.
-    """
+    """Return the axes on both sides of the bed. Raises ``UsageError`` unless the text contains each
+    axis once and a single bed."""
     stripped = text.strip()
     iso = stripped.startswith("[") and stripped.endswith("]")
     words = stripped[1:-1].split() if iso else list(stripped)
@@ -59,13 +58,13 @@ def _refusal(where: str, text: str) -> UsageError:
 
 
 def abbe_mask(chain: str) -> NDArray[np.float64]:
-    """Return which coordinates of a point are in the Abbe arm of each axis, shape (axis,
+    """Return the coordinates of a point that enter the Abbe arm of each axis, shape (axis,
     coordinate), entries 0 or 1.
 
     The arm of axis ``a`` is ``r_a = mask[a] * (P - origin)`` (theory 2.2). The carriage of a
     tool-side axis is moved by all work-side axes, the tool-side axes from the bed up to this
-    carriage, and its own axis; the carriage of a work-side axis is moved by the axes nearer to the
-    workpiece.
+    carriage, and its own axis. The carriage of a work-side axis is moved by the axes between it and
+    the workpiece.
     """
     work, tool = parse_chain(chain)
     mask = np.ones((3, 3))

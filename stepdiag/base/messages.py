@@ -1,12 +1,11 @@
-"""A message without words: the key of a sentence, and arguments with units in their names. The
-words are made where the message is displayed.
+"""Messages: the key of a sentence and its arguments, whose names contain their units. The text is
+made only for display.
 
     words = message("stop-outlier.alone", stop=5, size_um=12.3, setup="ppp")
     rendered(words, "de")
 
-The catalogue (`texts.patterns`) holds the sentence of every key in every language and the type of
-every argument. An old log or result contains only text; the text then takes the place of the
-message.
+`texts.patterns` contains the sentence of every key in every language and the type of every
+argument. Old logs and results contain only text, which is shown unchanged.
 """
 
 import json
@@ -22,9 +21,8 @@ from stepdiag.texts.texts import LANGUAGES, Language, localised
 Way = Literal["", "out", "back"]
 
 LONGEST_PART = 2000
-"""Largest number of characters of a text in a message: a foreign file may contain megabytes in
-place of a word.
-"""
+"""Largest number of characters of a text in a message; foreign files can contain megabytes in place
+of a word."""
 LONGEST_QUOTE = 60
 _BETWEEN: dict[Kind, dict[Language, str]] = {
     "list": {"en": ", ", "de": ", "},
@@ -35,20 +33,19 @@ _BETWEEN: dict[Kind, dict[Language, str]] = {
 
 
 def shortened(text: str, most: int = LONGEST_PART) -> str:
-    """Return a text, or its beginning and its length."""
+    """Return a text; of a long text only its beginning and its length."""
     return text if len(text) <= most else f"{text[:most]}... ({len(text)} characters)"
 
 
 def excerpt(text: str) -> str:
-    """Return the part of a text that a message quotes: the beginning of a long text."""
+    """Return the part of a text that a message quotes: of a long text only its beginning."""
     return shortened(text, LONGEST_QUOTE)
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A sentence of the catalogue and its arguments; ``str`` of a message is the English sentence.
-    Use `message` to make one.
-    """
+    """A sentence of the catalogue and its arguments; ``str(message)`` is the English sentence. Use
+    `message` to make one."""
 
     key: str
     arguments: "dict[str, Kept]" = field(default_factory=dict)
@@ -61,20 +58,16 @@ class Message:
 
     @property
     def code(self) -> str:
-        """Return the key without its variant: the code of a finding."""
         return self.key.partition(".")[0]
 
 
 Words = Message | str
-"""A message, or a text that is shown unchanged: a name, a value of a file, a sentence of an old
-log.
-"""
+"""A message, or a text that is shown unchanged, such as a name or a value of a file."""
 Item = Message | str | int
 Argument = Message | str | int | float | Sequence[Item]
 Kept = Message | str | int | float | tuple[Item, ...]
-"""The stored form of a message's argument: two messages with equal arguments are equal, whether
-read from JSON or made here.
-"""
+"""The stored form of an argument of a message: equal for a message read from JSON and a message
+made by the program."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,13 +82,13 @@ class Place:
 
 
 def message(key: str, /, **arguments: Argument) -> Message:
-    """Return a message. Raises KeyError for a key that the catalogue does not have, TypeError for
-    arguments of other names or types."""
+    """Return a message. Raises KeyError for a key outside the catalogue, TypeError for arguments
+    with other names or types."""
     return message_with(key, arguments)
 
 
 def message_with(key: str, arguments: Mapping[str, Argument]) -> Message:
-    """Return a message of arguments by their names. Raises as `message` does."""
+    """Return a message from a mapping of its arguments. Raises the errors of `message`."""
     wanted = slots(key)
     if arguments.keys() != wanted.keys():
         raise TypeError(
@@ -108,9 +101,8 @@ def message_with(key: str, arguments: Mapping[str, Argument]) -> Message:
 
 
 def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
-    """Return an argument of a message in a form that JSON can hold: numpy's numbers as Python's,
-    long texts cut.
-    """
+    """Return an argument in a form that JSON can represent: numpy numbers become Python numbers,
+    long texts are shortened."""
     match kind:
         case (
             "name" | "setup"
@@ -130,7 +122,7 @@ def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
 
 
 def rendered(words: Words, language: Language) -> str:
-    """Return a message in words of a language; a text unchanged except for its decimal comma."""
+    """Return a message in a language. A text stays unchanged except for its decimal comma."""
     if isinstance(words, str):
         return localised(words, language)
     known = sentences().get(words.key)
@@ -173,7 +165,7 @@ def _filled(slot: Slot, value: Any, language: Language) -> str:
 
 
 def way_of(way: Way) -> Message:
-    """Return the direction of a pass (out, back) as a message."""
+    """Return the direction of a pass as a message: out or back."""
     return message("way-out" if way == "out" else "way-back")
 
 
@@ -183,9 +175,8 @@ def run(setup: str, way: Way) -> Message:
 
 
 def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
-    """Return a message with its pass and stop written before it. ``stops`` are several stops of the
-    pass; if empty, the stop of ``place`` is used.
-    """
+    """Return a message preceded by its pass and stop. ``stops`` are several stops of the pass; if
+    empty, the stop of ``place`` is used."""
     if not place.way:
         return words
     run: dict[str, Argument] = {"setup": place.setup, "way": way_of(place.way), "what": words}
@@ -197,7 +188,7 @@ def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
 
 
 def where(place: Place) -> Words:
-    """Return a place as words: setup and pass, and the stop if known; empty without a pass."""
+    """Return a place as words: setup, pass, and the stop if known; empty without a pass."""
     if place.pass_number is None:
         return ""
     about: dict[str, Argument] = {"setup": place.setup, "number": place.pass_number}
@@ -207,21 +198,17 @@ def where(place: Place) -> Words:
 
 
 def joined(parts: Sequence[Words]) -> Words:
-    """Return several sentences as a single text, separated by semicolons; a single sentence
-    unchanged, an empty text without any.
-    """
+    """Return several sentences as one text, separated by semicolons."""
     return message("several", parts=parts) if len(parts) > 1 else next(iter(parts), "")
 
 
 def in_every_language(words: Words) -> dict[Language, str]:
-    """Return a message in words by language."""
     return {language: rendered(words, language) for language in LANGUAGES}
 
 
 def message_json(words: Message) -> dict[str, Any]:
-    """Return a message as JSON: its key and its arguments; an argument that is a message is
-    converted likewise.
-    """
+    """Return a message as JSON: its key and its arguments, including arguments that are
+    messages."""
     return {
         "key": words.key,
         "arguments": {name: _json(value) for name, value in words.arguments.items()},
@@ -239,9 +226,8 @@ def _json(value: Argument | Item) -> Any:
 
 
 def kept(words: Words) -> str:
-    """Return a message as JSON text, for a log that stores the message beside its English text; an
-    empty text for words without a message. `of_log` reads the JSON text.
-    """
+    """Return a message as JSON text for a log, which stores it beside the English text; empty for
+    words without a message. `of_log` reads this JSON text."""
     return (
         json.dumps(message_json(words), ensure_ascii=False)
         if isinstance(words, Message)
@@ -250,14 +236,13 @@ def kept(words: Words) -> str:
 
 
 def of_log(text: str, kept_message: str) -> Words:
-    """Return the message stored in a log: a message of this program, or else the unchanged text.
-    Raises ValueError for a text that is not JSON.
-    """
+    """Return the message stored in a log; a message of another program is returned as its text.
+    Raises ValueError for a text that is not JSON."""
     return (message_of(json.loads(kept_message)) if kept_message else None) or text
 
 
 def message_of(tree: object) -> Message | None:
-    """Return the message of JSON; None for JSON of another program: its text is shown unchanged."""
+    """Return the message in a JSON value; None for JSON of another program."""
     try:
         return _message_of(tree)
     except (KeyError, TypeError, AttributeError):

@@ -1,5 +1,4 @@
-"""Names of the axes and of the setups of every survey, and the numbers by which a program names a
-setup (contract 2)."""
+"""Names of the axes and setups, and the numbers of the setups in a program (contract 2)."""
 
 AXES = ("x", "y", "z")
 BODY_DIAGONALS = ("ppp", "npp", "pnp", "ppn")
@@ -17,4 +16,4 @@ SETUP_NUMBERS = {
     22: "fourdof-y",
     23: "fourdof-z",
 }
-"""The numbers of the machine's ``setup`` register, each with its setup (contract 2)."""
+"""The setup of each number of the machine's ``setup`` register (contract 2)."""

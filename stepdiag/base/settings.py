@@ -1,9 +1,10 @@
-"""Settings files in TOML against msgspec models, with messages for the person who wrote the file.
+"""Reading of settings files (TOML) into msgspec models, with error messages for the author of the
+file.
 
-Surveys, head calibrations and controller profiles are read here. msgspec names a wrong value in its
-own words; here each field is checked separately, so that an error message names the field by its
-name in the file, the type and limits, and the value found. An unknown key is refused with the
-nearest known key. A value ``"?"`` is an open question.
+msgspec reports wrong values in its own words. So this module checks each field separately: the
+message contains the name of the field in the file, the expected type and limits, and the found
+value. For an unknown key, the message contains the nearest known key. A value ``"?"`` is an open
+question.
 """
 
 import difflib
@@ -28,12 +29,10 @@ UNANSWERED: Literal["?"] = "?"
 _DEEPEST = 20
 _PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
 _LONG_NAME = re.compile(rf"(?<![\w\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST}}}")
-"""A name of too many parts: time and memory of the TOML reader grow with the square of their number
-(32 kB of one name: 1 GB), so a limit of the file's size that admits survey files is not sufficient.
-A comment or a text that looks like such a name is refused as well. No name begins after a
-backslash. A search there would take a time that grows with the square of the number of escaped
-quotes.
-"""
+"""Pattern of a name with too many parts. Time and memory of the TOML reader grow with the square of
+their number (1 GB for a name of 32 kB). A comment or text of this form is refused too. The pattern
+never begins after a backslash: the time of the search would grow with the square of the number of
+escaped quotes."""
 _PLAIN: dict[type[inspect.Type], Message] = {
     inspect.BoolType: message("true-or-false"),
     inspect.DictType: message("a-table"),
@@ -43,9 +42,8 @@ _PLAIN: dict[type[inspect.Type], Message] = {
 
 
 def read_toml(text: str, source: str) -> dict[str, Any]:
-    """Return the tables of a TOML text; a byte order mark is skipped. Raises ``UsageError``, with
-    the line, where it is not TOML.
-    """
+    """Return the tables of a TOML text; a byte order mark is skipped. Raises ``UsageError`` with
+    the line of the fault."""
     text = text.removeprefix("\ufeff")
     if deep := _LONG_NAME.search(text):
         raise UsageError(
@@ -63,7 +61,7 @@ def read_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def require_answers(data: object, source: str) -> None:
-    """Raise ``UsageError`` that lists every open question of a template."""
+    """Raise ``UsageError`` with the list of all open questions of a template."""
     questions = list(_unanswered(data, ""))
     if questions:
         remedy = message("unanswered", names=questions)
@@ -77,14 +75,13 @@ def require_answers(data: object, source: str) -> None:
 
 def convert(data: object, model: type[Model], source: str, at: str = "") -> Model:
     """Return ``data`` as a ``model``; ``at`` is its path within the file. Raises ``UsageError`` for
-    the first wrong field.
-    """
+    the first wrong field."""
     _check(data, model, source, at)
     return msgspec.convert(data, model)
 
 
 def nearest(word: str, known: list[str]) -> Message:
-    """Return a remedy that names the nearest known word, or all known words."""
+    """Return a remedy with the nearest known word, or with all known words."""
     close = _close(word, known)
     return (
         message("did-you-mean-near", near=close)
@@ -94,7 +91,7 @@ def nearest(word: str, known: list[str]) -> Message:
 
 
 def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageError:
-    """Return the refusal of an unknown key, with the nearest known key."""
+    """Return the error for an unknown key, with the nearest known key."""
     remedy = nearest(key, known) if _close(key, known) else ""
     return UsageError(
         f"{source}: {path}",
@@ -107,9 +104,8 @@ def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageErro
 def refuse(
     source: str, field: str, expected: Words, found: object, remedy: Words = ""
 ) -> UsageError:
-    """Return the error message for one field: ``survey.toml: plc.poll_hz: expected a number above
-    0, found "fast"``.
-    """
+    """Return the error for one field: ``survey.toml: plc.poll_hz: expected a number above 0, found
+    "fast"``."""
     shown = found if isinstance(found, Message) else show(found)
     if isinstance(found, dict):
         shown = message("a-table")
@@ -122,14 +118,14 @@ def refuse(
 
 
 def show(value: object) -> str:
-    """Return a value in its written form in the file; a long one is shortened."""
+    """Return a value in its form in the file; a long value is shortened."""
     return excerpt(json.dumps(value, ensure_ascii=False, default=str))
 
 
 def expectation(info: inspect.Type) -> Words:
     """Return the requirement of a field in words: ``a number above 0``, ``one of "E", "N", "O"``.
 
-    The ``description`` in the ``Meta`` of a text with a pattern is the key of a message.
+    For a text with a pattern, the ``description`` of its ``Meta`` is the key of a message.
     """
     match info:
         case inspect.LiteralType():
@@ -179,7 +175,6 @@ def _close(word: str, known: list[str]) -> str:
 
 
 def _check(value: object, hint: Any, source: str, path: str) -> None:
-    """Check a value against the annotation of its field."""
     if get_origin(hint) in (Union, UnionType):
         (hint,) = (part for part in get_args(hint) if part is not NoneType)
     if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
@@ -199,9 +194,6 @@ def _check(value: object, hint: Any, source: str, path: str) -> None:
 
 
 def _item_hints(hint: Any, count: int) -> tuple[Any, ...]:
-    """Return the annotation of each of ``count`` items; empty where this number does not fit, or
-    the field is not a list.
-    """
     parts = get_args(hint)
     if get_origin(hint) is list or (get_origin(hint) is tuple and parts[-1] is Ellipsis):
         return (parts[0],) * count
@@ -248,7 +240,6 @@ def _check_leaf(value: object, hint: Any, source: str, path: str) -> None:
 
 
 def _limited(kind: Message, info: inspect.IntType | inspect.FloatType) -> Message:
-    """Return the kind of number with its limits."""
     if info.ge is not None and info.le is not None:
         return message("number-from-to", kind=kind, low=info.ge, high=info.le)
     limits = [message("limit-above", limit=info.gt)] if info.gt is not None else []

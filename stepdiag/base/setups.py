@@ -1,15 +1,14 @@
-"""The names of setups, each with the travel of the machine that it stands for.
+"""The names of setups, each with the travel of the machine that it represents.
 
     ppp npp pnp ppn        body step diagonal: the axes move one after the other (contract 1)
-    face-xy-pp face-xz-np  step diagonal in a face: two axes move one after the other, the third
-    stands
-    body-ppp body-npp      body diagonal with all axes moving together, read once per increment (ISO
-    230-6)
+    face-xy-pp face-xz-np  step diagonal in a face: two axes move one after the other
+    body-ppp body-npp      body diagonal with all axes moving together, read once per increment
+                           (ISO 230-6)
     linear-x linear-y      run along one axis
     fourdof-x fourdof-y    run of the 4-DOF head along one axis: its own record, no readings
 
-A number after ``+`` separates setups of the same travel: a shifted beam, a second mirror alignment,
-another face (``ppp+1``).
+A number after ``+`` distinguishes setups with the same travel: a shifted beam, a second mirror
+alignment, another face (``ppp+1``).
 """
 
 import difflib
@@ -32,20 +31,20 @@ FACE_DIAGONALS = tuple(
 )
 CONTINUOUS_DIAGONALS = tuple(f"body-{diagonal}" for diagonal in BODY_DIAGONALS)
 SETUP_NAMES = (*BODY_DIAGONALS, *FACE_DIAGONALS, *CONTINUOUS_DIAGONALS, *LINEAR_RUNS)
-"""Names of all setups whose readings the solver accepts, in their order in tables."""
+"""Names of all setups whose readings the solver accepts, in the order of tables."""
 DRIVEN_SETUPS = (*SETUP_NAMES, *FOURDOF_RUNS)
-"""Names of all setups that a machine can drive."""
 CODED_FROM = 100
-"""A number of the ``setup`` register above this number is a place in the plan (contract 2)."""
+"""Values of the ``setup`` register above this number are 100 + k for the k-th setup of the plan
+(contract 2)."""
 _CODES = {name: number for number, name in SETUP_NUMBERS.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """A setup: the ``kind`` of its travel, its name without shift (``base``), and the number of its
-    ``shift``, 0 for the usual line.
+    """A setup: the ``kind`` of its travel, its name without a shift (``base``), and the number of
+    its ``shift``, 0 for the usual line.
 
-    ``signs`` holds +1, -1 or 0 (standing) per axis for the outward pass.
+    ``signs`` contains +1, -1 or 0 (standing) per axis for the outward pass.
     """
 
     name: str
@@ -56,28 +55,25 @@ class Setup:
 
     @property
     def order(self) -> tuple[int, int]:
-        """Return the place of this setup in the order of tables and files."""
         return SETUP_NAMES.index(self.base), self.shift
 
     @property
     def axis(self) -> str:
-        """Return the axis of a run along one axis, else an empty text."""
+        """Return the axis of a run along one axis, otherwise an empty text."""
         return self.base[-1] if self.kind in ("linear", "fourdof") else ""
 
     @property
     def is_diagonal(self) -> bool:
-        """Return whether the axes step one after the other along a body diagonal."""
+        """Return whether the setup is a step diagonal through the volume."""
         return self.kind == "step"
 
     @property
     def is_fourdof(self) -> bool:
-        """Return whether the 4-DOF head makes this run: it gives no readings."""
+        """Return whether the setup is a run of the 4-DOF head, which gives no readings."""
         return self.kind == "fourdof"
 
     def shifted(self, number: int) -> str:
-        """Return the name of this setup with its line shifted: the same travel, with another number
-        of the line.
-        """
+        """Return the name of the same travel along another line."""
         return f"{self.base}+{number}" if number else self.base
 
 
@@ -86,8 +82,7 @@ def setup_of(
     name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SETUPS
 ) -> Setup:
     """Return the setup of a name. Raises ``UsageError`` with the nearest name for a name outside
-    ``names``, shifted or not.
-    """
+    ``names``."""
     base, plus, number = name.partition("+")
     if base not in names or (
         plus
@@ -120,11 +115,11 @@ def setup_of(
 
 
 def setup_code(setup: str, planned: Sequence[str]) -> int:
-    """Return the number of the machine's ``setup`` register for a setup of a plan: 100 + k for the
-    k-th, if it has no number of its own.
+    """Return the value of the machine's ``setup`` register for a setup of a plan: 100 + k for the
+    k-th setup if it has no number of its own.
 
-    A shifted beam on a body diagonal has the number of its diagonal: the machine drives the same
-    stops. Raises ``UsageError`` for an invalid name.
+    A step diagonal with a shifted beam has the number of its diagonal, because the machine drives
+    the same stops. Raises ``UsageError`` for an invalid name.
     """
     travel = setup_of(setup, "plan.setups")
     if travel.base in _CODES and (travel.is_diagonal or not travel.shift):
@@ -133,9 +128,8 @@ def setup_code(setup: str, planned: Sequence[str]) -> int:
 
 
 def setups_meant(code: int | None, planned: Iterable[str]) -> list[str]:
-    """Return the setups of a plan that a number of the ``setup`` register may mean, in the order of
-    the plan.
-    """
+    """Return the setups of a plan that a value of the ``setup`` register can mean, in the order of
+    the plan."""
     names = list(planned)
     if code is not None and CODED_FROM < code <= CODED_FROM + len(names):
         return [names[code - CODED_FROM - 1]]

@@ -10,36 +10,30 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 MOST_INCREMENTS = 500
-"""Largest number of increments of an axis. With this number, a survey out and back along four
-diagonals takes thirteen hours. The solver then takes a minute and 2.4 GB; both grow with the second
-to third power of the number.
-"""
+"""Largest number of increments of an axis. A survey with this number, out and back along four
+diagonals, takes thirteen hours; the solver then needs a minute and 2.4 GB. Both grow with the
+second to third power of the number."""
 SHORTEST_MACHINE_MM = 10.0
 
 POSITION_TOLERANCE_MM = 0.125
-"""Largest distance of a stop from its target: a program with one decimal is off by 0.05 mm, and a
-G91 program accumulates its rounding. A stop may be off, and the edge of the box as well: their
-difference may be twice as large, as in the recording (`daq.capture.naming.route`). An error
-function changes by nanometres over such a distance, which `solver.adjustment` subtracts as well.
-"""
+"""Largest distance of a stop from its target: a program with one decimal is wrong by 0.05 mm, and a
+G91 program accumulates its rounding. The edge of the box can be wrong by the same amount, so their
+difference can be twice as large. An error function changes by nanometres over this distance, which
+`solver.adjustment` subtracts."""
 SHARE_OF_STEP = 0.25
-"""Largest distance of a stop from its target as a share of the increment, used where it is smaller
-than `POSITION_TOLERANCE_MM`: two targets must remain distinct.
-"""
+"""Largest distance of a stop from its target as a share of the increment, so that two targets stay
+distinct; the smaller of this and `POSITION_TOLERANCE_MM` is used."""
 ROUNDING_MM = 1e-6
-"""Positions that differ by less, in mm, are equal: no control distinguishes them, and a slope
-between them has no meaning.
-"""
+"""Distance in mm below which two positions count as equal: no control distinguishes them, and a
+slope between them has no meaning."""
 
 BESIDE_EVEN, CLOSEST_MM = 0.3, 1.0
-"""The largest shift of an irregular target from its even position, as a share of the distance
-between even targets; and the smallest distance of two targets, in mm.
-"""
+"""Largest shift of an irregular target from its even position, as a share of the distance between
+even targets; and the smallest distance of two targets in mm."""
 
 IN_STEP = 0.05
-"""Smallest difference between an increment and a whole number of waves, as a share of the wave's
-length; with a smaller difference, ten increments show less than one slow wave.
-"""
+"""Smallest difference between an increment and a whole number of waves, as a share of the
+wavelength. With a smaller difference, ten increments show less than one slow wave."""
 
 POINTS = 350
 """Number of points of `anywhere_mm`."""
@@ -47,10 +41,9 @@ POINTS = 350
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Volume:
-    """A box cut in ``increments`` equal increments per axis.
+    """A box that is cut into ``increments`` equal increments per axis.
 
-    An axis that no setup travels has the size 0: the box is then a face or a line, and nothing is
-    known about this axis.
+    An axis without travel has the size 0: the box is then a face or a line.
     """
 
     origin_mm: tuple[float, float, float]
@@ -59,7 +52,6 @@ class Volume:
 
     @property
     def step_mm(self) -> Vector:
-        """Return the increment of each axis, shape (3,)."""
         return np.asarray(self.size_mm, dtype=np.float64) / self.increments
 
     @property
@@ -71,13 +63,12 @@ class Volume:
 
     @property
     def travelled(self) -> tuple[bool, bool, bool]:
-        """Return for each axis whether the survey travelled along it."""
         x, y, z = self.size_mm
         return x > 0, y > 0, z > 0
 
     @property
     def solid(self) -> bool:
-        """Return whether the survey travelled all three axes: only then it measures a volume."""
+        """Return whether the survey travelled along all three axes."""
         return all(self.travelled)
 
     @property
@@ -86,12 +77,12 @@ class Volume:
         return position_tolerance_mm(self.step_mm)
 
     def nodes_mm(self, axis: int) -> Vector:
-        """Return the target positions of one axis (0, 1, 2), shape (increments + 1,), ascending."""
+        """Return the target positions of one axis (0, 1, 2), ascending, shape (increments + 1,)."""
         low = self.origin_mm[axis]
         return low + self.size_mm[axis] * np.arange(self.increments + 1) / self.increments
 
     def even_mm(self, axis: int, count: int) -> Vector:
-        """Return even positions from end to end of an axis (0, 1, 2), shape (count,), ascending."""
+        """Return even positions from end to end of an axis (0, 1, 2), ascending, shape (count,)."""
         even: Vector = self.origin_mm[axis] + self.size_mm[axis] * np.linspace(
             0.0, 1.0, count
         )
@@ -99,9 +90,8 @@ class Volume:
 
 
 def position_tolerance_mm(step_mm: Vector) -> Vector:
-    """Return the largest distance of a stop from its target for targets that are ``step_mm`` apart,
-    0 for an axis with one target, shape (k,).
-    """
+    """Return the largest distance of a stop from its target, shape (k,), for targets that are
+    ``step_mm`` apart; 0 for an axis with one target."""
     tolerance: Vector = (
         np.minimum(
             POSITION_TOLERANCE_MM, np.where(step_mm > 0, SHARE_OF_STEP * step_mm, np.inf)
@@ -112,14 +102,12 @@ def position_tolerance_mm(step_mm: Vector) -> Vector:
 
 
 def reads_like_metres(size_mm: Iterable[float]) -> bool:
-    """Return whether lengths in mm are so small that they must be metres: no machine tool has less
-    than a centimetre.
-    """
+    """Return whether all lengths are below a centimetre, so that their unit must be metres."""
     return max(size_mm) < SHORTEST_MACHINE_MM
 
 
 def travel_signs(diagonal: str) -> NDArray[np.int64]:
-    """Return +1 or -1 per axis for ``ppp`` .. ``ppn``: the direction of travel of the outward pass,
+    """Return the direction of travel of the outward pass for ``ppp`` .. ``ppn``: +1 or -1 per axis,
     shape (3,)."""
     return np.array([1 if letter == "p" else -1 for letter in diagonal], dtype=np.int64)
 
@@ -132,7 +120,6 @@ def diagonal_direction(volume: Volume, diagonal: str) -> Vector:
 
 
 def nodes_to_mm(volume: Volume, nodes: NDArray[np.int64]) -> Vector:
-    """Return commanded positions of node indices, shape like ``nodes``."""
     positions: Vector = (
         np.asarray(volume.origin_mm)
         + np.asarray(volume.size_mm, dtype=np.float64) * nodes / volume.increments
@@ -142,11 +129,11 @@ def nodes_to_mm(volume: Volume, nodes: NDArray[np.int64]) -> Vector:
 
 def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
     """Return about ``count`` targets along an axis, ascending: the nodes, and between them places
-    that do not coincide with any period.
+    that coincide with no period.
 
-    ISO 230-2 requires P_i = (i - 1) p + r with another r at each target; r is a fraction of p
-    within `BESIDE_EVEN`, from the multiples of the golden ratio, so that every program of a survey
-    has the same targets. The targets are whole hundredths of a millimetre, not closer than
+    ISO 230-2 requires P_i = (i - 1) p + r with another r at each target. Here r is a fraction of p
+    within `BESIDE_EVEN` from the multiples of the golden ratio, so every program of a survey has
+    the same targets. The targets are whole hundredths of a millimetre, not closer than
     `CLOSEST_MM`.
     """
     nodes, step_mm = volume.nodes_mm(axis), float(volume.step_mm[axis])
@@ -160,18 +147,17 @@ def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
 
 
 def in_step(step_mm: float, pitch_mm: float) -> bool:
-    """Return whether targets meet a wave, of a whole or of half a pitch, always at the same phase
-    within a twentieth of its length.
-    """
+    """Return whether the targets have the same phase, within a twentieth, in a wave of a whole or
+    half pitch."""
     turns = [step_mm / length_mm for length_mm in (pitch_mm, pitch_mm / 2.0)]
     return any(round(turn) >= 1 and abs(turn - round(turn)) <= IN_STEP for turn in turns)
 
 
 def anywhere_mm(volume: Volume) -> Vector:
-    """Return `POINTS` possible places of a tool, spread evenly over the volume and not in phase
-    with the targets, shape (points, 3).
+    """Return `POINTS` places of the tool, spread evenly over the volume and not in phase with the
+    targets, shape (points, 3).
 
-    A Kronecker sequence with the powers of the root of x^4 = x + 1 (Roberts 2018).
+    The places are a Kronecker sequence with the powers of the root of x^4 = x + 1 (Roberts 2018).
     """
     share = np.mod(
         0.5 + np.outer(np.arange(1, POINTS + 1), 1.2207440846057596 ** -np.arange(1.0, 4.0)),
@@ -182,9 +168,8 @@ def anywhere_mm(volume: Volume) -> Vector:
 
 
 def grid_points_mm(volume: Volume, nodes: int) -> Vector:
-    """Return a regular grid over the volume with so many nodes along each axis, the index of Z
-    changing fastest, shape (nodes ** 3, 3).
-    """
+    """Return a regular grid over the volume with ``nodes`` points along each axis, the index of Z
+    changing fastest, shape (nodes ** 3, 3)."""
     axes = [volume.even_mm(axis, nodes) for axis in range(3)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 

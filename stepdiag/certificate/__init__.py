@@ -1,6 +1,5 @@
-"""The digital calibration certificate: a result as a DCC of PTB, and the check of a DCC against its
+"""The digital calibration certificate (DCC of PTB) of a result, and its verification against the
 logs.
 
-In: a result, its files, and a laboratory's file. Out: XML whose figures another program can compute
-again. `cli` imports this package.
+`cli` imports this package.
 """

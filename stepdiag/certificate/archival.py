@@ -1,11 +1,10 @@
-"""The report printed as PDF/A-3 (ISO 19005-3, level B) with the certificate attached, by pikepdf,
-which ``stepdiag[certificate]`` brings.
+"""The printed report as PDF/A-3 (ISO 19005-3, level B) with the certificate attached, made by
+pikepdf (``stepdiag[certificate]``).
 
-A PDF printed by Chromium embeds every font, has no encryption and no script. It lacks three parts
-of PDF/A: the profile of its colours (sRGB), the metadata that state part and level, and the
-relation of the attachment to the document. The date of printing is removed, so that the same report
-and certificate give the same bytes. Source: ISO 19005-3 from public sources, not checked against
-the text of the standard.
+A PDF printed by Chromium contains all fonts and no script. It lacks three parts of PDF/A: the
+colour profile (sRGB), the metadata with part and level, and the relation of the attachment to the
+document. The date of printing is removed, so the same report and certificate give the same bytes.
+The requirements come from public sources, not from the text of ISO 19005-3.
 """
 
 import io
@@ -17,11 +16,10 @@ from stepdiag.base.messages import message
 
 _ENDED = re.compile(rb"<dcc:endPerformanceDate>(\d{4})-(\d\d)-(\d\d)<")
 _NODE = re.compile(rb"\(node(\d{8})\)")
-"""Pattern of the names of table cells in a PDF by Chromium: numbers that may begin elsewhere in a
-new print.
-"""
+"""Pattern of the names of table cells in a PDF by Chromium: their numbers differ from print to
+print."""
 _PROFILE_DATE = slice(24, 36)
-"""The bytes of an ICC colour profile that contain its date."""
+"""Bytes of an ICC colour profile that contain its date."""
 
 
 def _library() -> Any:
@@ -36,8 +34,7 @@ def _library() -> Any:
 
 def archival(printed: bytes, name: str, certificate: bytes) -> bytes:
     """Return a printed PDF as PDF/A-3 with a certificate attached under its file name. Raises
-    DataError for a print that lacks a font.
-    """
+    DataError for a print with a missing font."""
     pikepdf = _library()
     numbers = {
         number: b"(node%08d)" % rank
@@ -83,9 +80,6 @@ def archival(printed: bytes, name: str, certificate: bytes) -> bytes:
 
 
 def _intent(document: Any) -> Any:
-    """Return the output intent of a PDF/A: colours are sRGB, by a colour profile inside the
-    document.
-    """
     from pikepdf import Dictionary, Name
     from PIL.ImageCms import ImageCmsProfile, createProfile
 
@@ -104,8 +98,7 @@ def _intent(document: Any) -> Any:
 
 def attached_in(archived: bytes, name: str) -> tuple[str, bytes, str]:
     """Return name and bytes of the only certificate in a PDF, and the program that printed the PDF.
-    Raises DataError for a PDF without exactly one certificate.
-    """
+    Raises DataError unless the PDF contains exactly one certificate."""
     pikepdf = _library()
     try:
         with pikepdf.open(io.BytesIO(archived)) as document:

@@ -1,20 +1,16 @@
-"""The chain of custody: from a certificate back to the logs, link by link, and every figure
-computed again.
+"""The chain of custody from a certificate back to the logs: every link is checked, and every figure
+is computed again.
 
-certificate -> laboratory's file, result, files, report, certificates of the equipment     by
-SHA-256
-files       -> result                                                                      the hash
-that they name
-report      -> result, files, settings                                                     rendered
-again, compared to the byte
-PDF         -> report, certificate                                                         printed
-again, compared to the byte
-result      -> logs, or readings and the files beside them                                 by
-SHA-256
-logs        -> result                                                                      solved
-again
-result      -> certificate                                                                 written
-again, compared element by element
+    certificate -> laboratory's file, result,      by SHA-256
+                   files, report, certificates
+                   of the equipment
+    files       -> result                          by the hash that the files contain
+    report      -> result, files, settings         rendered again, compared byte by byte
+    PDF         -> report, certificate             printed again, compared byte by byte
+    result      -> logs, or readings and the       by SHA-256
+                   files beside them
+    logs        -> result                          solved again
+    result      -> certificate                     written again, compared element by element
 """
 
 import hashlib
@@ -57,31 +53,30 @@ LOG, RESULT, LEFT, LABORATORY, FILE, REPORT = (
 )
 READINGS, LETTERHEAD, PROFILE = "readings", "letterhead", "profile"
 ONCE = (RESULT, LEFT, LABORATORY, LETTERHEAD, PROFILE)
-"""Roles that at most one source of a certificate has."""
+"""Roles of which a certificate has at most one source."""
 PERSONS = {name.partition(".")[0]: name for name in WORDS}
-"""Roles of the files beside logs, which hold statements of persons and of the solver, with the
-names of the files.
-"""
+"""Roles of the files beside logs with statements of persons and of the solver, with their file
+names."""
 AS_LEFT = "_as_left"
 NAMES_ITS_RESULT = "EXPORT_REPORT.txt"
 """The file of an export that contains the SHA-256 of the exported result."""
 _SIGNATURE = "{http://www.w3.org/2000/09/xmldsig#}Signature"
 MOST_FILES = 20_000
-"""Largest number of files in a folder that are examined to find the sources of a certificate."""
+"""Largest number of files in a folder among which the sources of a certificate are searched."""
 
 
 @dataclass(frozen=True, slots=True)
 class BrokenLinkError(Exception):
-    """Raised for a broken link in the chain of custody, with a message that describes the link."""
+    """A broken link in the chain of custody; the message describes the link."""
 
     link: Message
 
 
 class Verified(NamedTuple):
-    """The outcome of checking a certificate: number of valid links and of valid figures, and the
-    first broken link, None if all links are valid.
+    """Outcome of a verification: number of valid links and of valid figures, and the first broken
+    link, None if all links are valid.
 
-    ``signed``: the certificate has a signature, which this check does not test.
+    ``signed``: the certificate contains a signature, which this verification does not test.
     """
 
     links: int
@@ -97,11 +92,11 @@ def links_of(
     left: Path | None = None,
     files: Sequence[tuple[str, Path]] = (),
 ) -> list[Link]:
-    """Return the sources of a certificate: result, the sources of the result, the laboratory's
-    file, and ``files``.
+    """Return the sources of a certificate: the result, its sources, the laboratory's file, and
+    ``files``.
 
-    Raises DataError for an export of another result or with a changed file, and for a report that
-    does not follow from these sources.
+    Raises DataError for an export of another result, an export with a changed file, and a report
+    that does not follow from these sources.
     """
     found = [
         (RESULT, result.name, sha256_of(result)),
@@ -135,7 +130,6 @@ def links_of(
 
 
 def _follows(report: Path, held: Mapping[Link, Path]) -> bool:
-    """Return whether a report follows from the sources named in its certificate."""
     once = {role: path for (role, _, _), path in held.items() if role in ONCE}
     readings = next((path for (role, _, _), path in held.items() if role == READINGS), None)
     return follows(
@@ -156,7 +150,7 @@ def _sources(result: Result) -> list[Link]:
 
 
 def accepted_in(folder: Path) -> list[str]:
-    """Return the findings that a person accepted in a survey's folder, with name and reason."""
+    """Return the accepted findings of a survey's folder, with name and reason."""
     places = (
         (one, f"{one.setup}/{one.pass_number}" + ("" if one.stop is None else f"/{one.stop}"))
         for one in verdicts_in(folder).accepted
@@ -165,7 +159,8 @@ def accepted_in(folder: Path) -> list[str]:
 
 
 def verify_certificate(certificate: Path, *folders: Path) -> Verified:
-    """Return whether a certificate follows from the files in folders, and the first broken link.
+    """Verify a certificate against the files in folders; return the outcome with the first broken
+    link.
 
     Raises DataError for a file that is not a certificate.
     """
@@ -187,10 +182,10 @@ def verify_certificate(certificate: Path, *folders: Path) -> Verified:
 
 
 def verify_archived(archived: Path, *folders: Path) -> Verified:
-    """Return the outcome of `verify_certificate` for the certificate in a PDF, and whether its
+    """Return the outcome of `verify_certificate` for the certificate in a PDF, and whether the
     pages are the print of the report.
 
-    The report is printed again; another browser gives other bytes, and the message names the
+    The report is printed again. Another browser gives other bytes; the message contains the
     browser. Raises DataError for a PDF without a certificate, DeviceError without a browser.
     """
     data = read_bytes(archived)
@@ -225,9 +220,8 @@ def verify_archived(archived: Path, *folders: Path) -> Verified:
 
 
 def parsed(data: bytes, name: str) -> ET.Element:
-    """Return the tree of a certificate. Raises DataError for another file; a document type is
-    refused, because it may hide entities.
-    """
+    """Return the tree of a certificate. Raises DataError for another file, and for a document type,
+    which can contain entities."""
     try:
         if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
             raise ET.ParseError("a document type")
@@ -242,7 +236,7 @@ def parsed(data: bytes, name: str) -> ET.Element:
 
 
 def custody_of(root: ET.Element) -> list[Link]:
-    """Return the sources that a certificate names: role, name and SHA-256 of each."""
+    """Return role, name and SHA-256 of each source in a certificate."""
     notes = root.findall(
         f".//{{{DCC}}}metaData[@refType='stepdiag_custody']/{{{DCC}}}data/{{{DCC}}}quantity"
     )
@@ -308,9 +302,6 @@ def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
 
 
 def _named_here_alone(role: str) -> bool:
-    """Return whether a role belongs to the sources of the certificate itself, so that their names
-    are checked; the sources of the result are named in the result.
-    """
     return role in ONCE or role.removesuffix(AS_LEFT) in {*PERSONS, FILE, REPORT}
 
 
@@ -370,10 +361,6 @@ def _walk(
 
 
 def _require_files(links: Sequence[Link], held: Mapping[Link, Path]) -> None:
-    """Raise BrokenLinkError for a file of an export of another result, a file changed after the
-    export wrote its list of hashes, and a report that does not follow from the sources in the
-    certificate.
-    """
     results = [sha for role, _, sha in links if role in (RESULT, LEFT)]
     files = {(name, sha) for role, name, sha in links if role == FILE}
     for link in links:
@@ -397,9 +384,8 @@ def _listed(sums: Path) -> dict[str, str]:
 
 
 def _canonical(data: bytes) -> str:
-    """Return a certificate in the canonical form of XML, without signatures. A signature changes
-    the bytes of a certificate, but not its contents.
-    """
+    """Return a certificate in canonical XML without signatures: a signature changes its bytes but
+    not its contents."""
     return ET.canonicalize(
         from_file=BytesIO(data), with_comments=True, exclude_tags=[_SIGNATURE]
     )
@@ -408,9 +394,6 @@ def _canonical(data: bytes) -> str:
 def _again(
     path: Path, links: Sequence[Link], held: Mapping[Link, Path], suffix: str
 ) -> Result:
-    """Return the result solved again from its sources. Raises BrokenLinkError for other files or
-    other contents.
-    """
     data = read_bytes(path)
     result = parse_result(
         as_text(data, path.name), path.name
@@ -437,9 +420,6 @@ def _again(
 
 
 def _named(links: Sequence[Link], suffix: str) -> Iterator[Link]:
-    """Yield the sources of the result; with ``suffix``, the sources of the result after loading (as
-    left).
-    """
     for link in links:
         role = link[0].removesuffix(AS_LEFT)
         if role not in {*ONCE, *PERSONS, FILE, REPORT} and link[0].endswith(AS_LEFT) == bool(
@@ -486,9 +466,8 @@ def _solved(
 
 
 class Leaf(NamedTuple):
-    """An element of an XML document: its place (with the attributes on the way to it), its text,
-    and its name with the namespace.
-    """
+    """An element of an XML document: its place (with the attributes of its parents), its text, and
+    its qualified name."""
 
     place: str
     text: str
@@ -499,7 +478,6 @@ NO_LEAF = Leaf("", "", "")
 
 
 def _leaves(root: ET.Element) -> Iterator[Leaf]:
-    """Yield every element of an XML document, in the order of the document."""
     waiting = [(root, "")]
     while waiting:
         node, at = waiting.pop()

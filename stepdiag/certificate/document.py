@@ -1,8 +1,8 @@
-"""From a result to its certificate: PTB's DCC 3.3.0. Values that are null in the result are left
-out; for a fact that nobody stated, the certificate shows "not stated".
+"""From a result to its certificate (DCC 3.3.0 of PTB). Null values of the result are left out; a
+missing fact appears as "not stated".
 
-The schema has no vocabulary for geometric errors: ``machineTool_EXX`` and so on are symbols of ISO
-230-1, defined in the document.
+The DCC schema has no vocabulary for geometric errors. ``machineTool_EXX`` and similar names are ISO
+230-1 symbols that the document defines.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -79,10 +79,10 @@ def certificate_of(
 ) -> ET.Element:
     """Return the certificate of a result.
 
-    ``custody`` names every source by its SHA-256, ``left`` is the result of the survey after
-    loading, ``accepted`` are the accepted findings, with name and reason. Raises DataError if
-    neither result nor file states the time of the measurement (required by the schema), and if
-    ``left`` is the result of another machine, of another volume or of an earlier day.
+    ``custody`` contains every source with its SHA-256, ``left`` is the result after loading,
+    ``accepted`` are the accepted findings with name and reason. Raises DataError if the time of the
+    measurement is missing in result and file (the schema requires it), or if ``left`` has another
+    machine, another volume or an earlier day.
     """
     if left is not None:
         _require_later(result, left)
@@ -262,8 +262,7 @@ def _contact(name: str, place: Place, known: str = "") -> ET.Element:
 
 def _statement(one: Judged, state: str) -> ET.Element:
     """Return the statement of conformity about one figure. An undecided figure has a conditional
-    statement (ILAC-G8): conditional pass or fail, by the side of the limit on which its value lies.
-    """
+    pass or fail (ILAC-G8), by the side of the limit on which its value is."""
     name = {
         language: f"{catalogue('report', language)[state]}: {quantity_words(one, language)}"
         for language in LANGUAGES

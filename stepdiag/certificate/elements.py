@@ -11,7 +11,7 @@ DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 VERSION = "3.3.0"
 K, P = "2", "0.95"
 Words = Mapping[Language, str] | str
-"""A text that is the same in all languages, or a text by language."""
+"""A text for all languages, or a text by language."""
 ET.register_namespace("dcc", DCC)
 ET.register_namespace("si", SI)
 
@@ -19,7 +19,6 @@ ET.register_namespace("si", SI)
 def element(
     name: str, *children: ET.Element | None, text: str | None = None, **attributes: str
 ) -> ET.Element:
-    """Return an element of the DCC with its existing children."""
     return _with(ET.Element(f"{{{DCC}}}{name}", attributes), children, text)
 
 
@@ -36,7 +35,6 @@ def _with(
 
 
 def words(name: str, text: Words) -> ET.Element:
-    """Return an element with a text in its languages."""
     if isinstance(text, str):
         return element(name, element("content", text=text))
     return element(
@@ -46,9 +44,8 @@ def words(name: str, text: Words) -> ET.Element:
 
 
 def real(figure: Figure) -> ET.Element:
-    """Return the element of a quantity: with a single value, or with a list of values and, before
-    them, the list of positions.
-    """
+    """Return the element of a quantity: a single value, or a list of values after the list of their
+    positions."""
     named = [words("name", figure.name)]
     if len(figure.values) == 1 and not figure.at:
         inside = [_si("value", text=figure.values[0]), _si("unit", text=figure.unit)]
@@ -70,7 +67,7 @@ def real(figure: Figure) -> ET.Element:
 
 def _covariance(figure: Figure) -> ET.Element:
     """Return the element with the covariance of a list of values and the coverage factor k of their
-    rectangular region: with a probability of at least P, all values lie within k u at once.
+    rectangular region: with a probability of at least P, all values are within k u at once.
 
     Source: JCGM 102:2011, 7.7.3 (Bonferroni): k of a normal distribution for P = 1 - 0.05 / n.
     """
@@ -114,9 +111,7 @@ def _list(values: Iterable[str], unit: str, expanded: Iterable[str] = ()) -> ET.
 
 
 def data(figure: Figure) -> ET.Element:
-    """Return the ``data`` element of a quantity; the positions of a function stand before its
-    values.
-    """
+    """Return the ``data`` element of a quantity; positions come before values."""
     if not figure.at:
         return element("data", real(figure))
     positions = element(
@@ -131,7 +126,6 @@ def data(figure: Figure) -> ET.Element:
 
 
 def sha256(name: str, referral: str, identity: str, value: str) -> ET.Element:
-    """Return a reference to a document by its hash."""
     return element(
         name,
         words("referral", referral),
@@ -142,12 +136,11 @@ def sha256(name: str, referral: str, identity: str, value: str) -> ET.Element:
 
 
 def note(name: str, text: str, refers: str) -> ET.Element:
-    """Return a quantity with a text as its value."""
     return element("quantity", words("name", name), words("noQuantity", text), refType=refers)
 
 
 def document(root: ET.Element) -> bytes:
-    """Return the bytes of a certificate; same tree, same bytes."""
+    """Return the bytes of a certificate. The same tree gives the same bytes."""
     ET.indent(root)
     text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
     return text + b"\n"

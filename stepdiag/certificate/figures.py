@@ -1,6 +1,5 @@
-"""The figures of a result in SI, each with its name, U and unit: the only source of figures for the
-certificate.
-"""
+"""The figures of a result in SI units, each with its name, U and unit; all figures of the
+certificate come from here."""
 
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
@@ -21,7 +20,7 @@ UNITS = {
     "hpa": (PASCAL, 2),
     "percent": (ONE, -2),
 }
-"""Units of the result, each with its unit of D-SI and the power of ten between the two."""
+"""Units of the result, each with its D-SI unit and the power of ten between them."""
 ISO_230_2 = (
     "E_up",
     "E_down",
@@ -47,10 +46,9 @@ COVARIANCE_DECIMALS = 6
 
 
 class Figure(NamedTuple):
-    """A quantity of a certificate: ``name``, ``refers`` (refType), ``unit``, ``values`` in their
-    written form, their U (``expanded``, k = 2), their positions in metres (``at``), and their
-    covariance (k = 1) column by column, in the square of the unit.
-    """
+    """A quantity of a certificate: ``name``, ``refers`` (refType), ``unit``, ``values`` as texts,
+    their U (``expanded``, k = 2), their positions in metres (``at``), and their covariance (k = 1)
+    column by column in the square of the unit."""
 
     name: str
     refers: str
@@ -62,9 +60,7 @@ class Figure(NamedTuple):
 
 
 def written(value: float, power: int) -> str:
-    """Return a number times a power of ten as an exact decimal text in the form that the schema
-    requires.
-    """
+    """Return a number times a power of ten as the exact decimal text that the schema requires."""
     scaled = Decimal(repr(float(value))).scaleb(power).normalize()
     if not scaled:
         return "0"
@@ -97,8 +93,8 @@ def figures_of(result: Result) -> Iterator[Figure]:
     """Yield every identified figure of a result: functions, reversals, squareness, scales, figures
     of standards, volume.
 
-    The quantities behind the volumetric figures have a covariance: each displacement function over
-    its travel, and the three squarenesses together.
+    Each displacement function has a covariance over its travel; the three squarenesses have a
+    common covariance.
     """
     together = [
         name
@@ -144,12 +140,8 @@ def figures_of(result: Result) -> Iterator[Figure]:
 
 
 def _covariance(result: Result, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return the covariance of quantities, as written in SI: correlations of the posterior times
-    the u stated in the result.
-
-    The covariance is empty where the posterior has other positions than the values, or a u is
-    missing.
-    """
+    """Return the covariance of quantities: correlations of the posterior times the u in the result.
+    It is empty if the posterior has other positions than the values, or a u is missing."""
     deviations = {} if result.posterior is None else result.posterior.deviations()
     if not names or not set(names) <= deviations.keys():
         return ()
@@ -194,9 +186,8 @@ def _standards(result: Result) -> Iterator[Figure]:
 
 
 def _volume(when: str, figures: FieldFigures) -> Iterator[Figure]:
-    """Yield the volumetric figures. Their distribution is skewed, so the ends of their intervals
-    are given in place of U.
-    """
+    """Yield the volumetric figures with the ends of their intervals instead of U, because their
+    distribution is skewed."""
     both: tuple[tuple[str, Interval], ...] = (
         ("volumetric rms", figures.rms_um),
         ("volumetric largest", figures.largest_um),

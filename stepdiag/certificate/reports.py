@@ -1,6 +1,4 @@
-"""The report that belongs to a certificate: rendered again from the sources in the certificate, and
-compared byte by byte.
-"""
+"""The report of a certificate, rendered again from its sources and compared byte by byte."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -20,24 +18,22 @@ ROLES = {
     "letterhead": "letterhead",
     "laboratory": "laboratory",
 }
-"""Names of a report's sources, each with the role of the same source in the certificate."""
+"""Names of a report's sources, each with its role in the certificate."""
 
 
 def is_rendered(name: str) -> bool:
-    """Return whether a report must be rendered again for the check: any report but a PDF, which is
-    checked by its hash alone.
-    """
+    """Return whether a report must be rendered again for the verification. A PDF is verified by its
+    hash alone."""
     return Path(name).suffix.lower() != ".pdf"
 
 
 def follows(
     report: Path, of: Mapping[str, Path], files: Sequence[Path], readings: Path | None
 ) -> bool:
-    """Return whether a report follows from its sources; a report may contain the exports or not,
-    and the readings or not.
+    """Return whether a report follows from its sources, with or without the exports and readings.
 
-    ``of`` holds, by their roles, the files of result, laboratory, letterhead, profile and result
-    after loading.
+    ``of`` contains the files of result, laboratory, letterhead, profile and result after loading by
+    their roles.
     """
     text = as_text(read_bytes(report), report.name)
     language = language_of(text)
@@ -60,6 +56,5 @@ def follows(
 
 
 def language_of(text: str) -> Language:
-    """Return the language of a report; English for an unknown language."""
     found = _LANGUAGE.match(text)
     return next((one for one in LANGUAGES if found is not None and one == found[1]), "en")

@@ -1,5 +1,4 @@
-"""The signature of a certificate (XMLDSig) by signxml, which the extra ``stepdiag[certificate]``
-brings."""
+"""The signature of a certificate (XMLDSig), made by signxml (``stepdiag[certificate]``)."""
 
 from base64 import b64decode, b64encode
 from pathlib import Path
@@ -22,9 +21,8 @@ def _library() -> Any:
 
 
 def signed(certificate: bytes, key: Path, key_certificate: Path) -> bytes:
-    """Return a certificate with a signature added. Raises UsageError where the library or a file is
-    missing, or the key is invalid.
-    """
+    """Return a certificate with a signature. Raises UsageError if the library or a file is missing,
+    or the key is invalid."""
     signxml = _library()
     from cryptography.hazmat.primitives import serialization
     from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
@@ -48,9 +46,7 @@ def signed(certificate: bytes, key: Path, key_certificate: Path) -> bytes:
 
 
 def require_signature(certificate: Path, key_certificate: Path) -> None:
-    """Raise DataError where a certificate is not signed by the key of an X.509 certificate, or the
-    document is no certificate.
-    """
+    """Raise DataError unless a certificate is signed by the key of an X.509 certificate."""
     signxml = _library()
     from cryptography import x509
     from cryptography.exceptions import InvalidSignature
@@ -83,9 +79,8 @@ def require_signature(certificate: Path, key_certificate: Path) -> None:
 
 
 def _require_plain(signature: Any, certificate: bytes) -> None:
-    """Raise ValueError for a change in the parts of a signature that no signature protects: another
-    X.509 certificate than the given one, or another form of the numbers.
-    """
+    """Raise ValueError for a change in the unprotected parts of a signature: another X.509
+    certificate, or another form of the numbers."""
     texts = {
         name: "".join(signature.findtext(f".//{{*}}{name}", "").split())
         for name in ("SignatureValue", "X509Certificate")

@@ -1,6 +1,5 @@
-"""A certificate as a file. The certificate names its sources with their SHA-256; a signature and
-the PDF for the archive are added if requested.
-"""
+"""Writing of a certificate with the SHA-256 of its sources; optionally with a signature and the PDF
+for the archive."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,8 +20,7 @@ from stepdiag.report.output import printed
 class Beside:
     """Sources of a certificate besides its result: files of exports, the laboratory's file, the
     report with its settings, the result after loading; and the key of the signature with its X.509
-    certificate.
-    """
+    certificate."""
 
     laboratory: Path | None = None
     files: Sequence[Path] = ()
@@ -37,12 +35,12 @@ class Beside:
 def write_certificate(
     result: Path, found: Result, out: Path, beside: Beside, pdf: Path | None = None
 ) -> int:
-    """Write the certificate of a result's file, which contains the result ``found``; with ``pdf``
-    also the printed report with the certificate attached. Return the number of sources in the
-    certificate.
+    """Write the certificate of a result's file, which contains the result ``found``; return the
+    number of its sources. With ``pdf``, also write the printed report with the certificate
+    attached.
 
-    Raises UsageError for an existing file at its path, DataError for files that do not belong to
-    the result.
+    Raises UsageError for an existing certificate, DataError for files that do not belong to the
+    result.
     """
     named = (
         (REPORT, beside.report),

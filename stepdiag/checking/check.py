@@ -1,6 +1,4 @@
-"""The data of a survey's links during a watch: counted and decoded, with the last value of each
-signal.
-"""
+"""Observation of a survey's links: counts, decoded samples, and the last value of each signal."""
 
 import asyncio
 from collections import Counter
@@ -21,15 +19,14 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag, Samples
 
 LOOK_S = 0.25
-"""Period in s in which the watch examines the links."""
+"""Period in s in which the links are examined."""
 NS = 1e-9
 
 
 @dataclass(slots=True)
 class LinkSeen:
-    """The state of a link: ``detail`` is the last text about the link; ``losses`` counts how often
-    the link was lost after a connection.
-    """
+    """The state of a link. ``detail`` is the last text about the link; ``losses`` counts the losses
+    of an open connection."""
 
     name: Link
     address: Words = ""
@@ -39,7 +36,6 @@ class LinkSeen:
     losses: int = 0
 
     def take(self, event: LinkEvent) -> None:
-        """Take over a change of the link's state."""
         self.losses += self.state == "connected" and event.state == "lost"
         self.was_silent |= event.state == "silent"
         self.state, self.detail = event.state, event.words or self.detail
@@ -47,10 +43,9 @@ class LinkSeen:
 
 @dataclass(slots=True)
 class StreamSeen:
-    """Data of an instrument on a serial line. ``remarks`` is the last text of each notice code,
-    ``counts`` the number of notices of each code, ``heard`` the first received bytes,
-    ``conditions`` the last values of air and material.
-    """
+    """Data of an instrument on a serial line. ``remarks`` contains the last text of each notice
+    code, ``counts`` the number of notices of each code, ``heard`` the first received bytes,
+    ``conditions`` the last values of air and material."""
 
     link: LinkSeen
     decoder: Decoder
@@ -70,7 +65,6 @@ class StreamSeen:
     _before_first: int = 0
 
     def take(self, chunk: Chunk) -> None:
-        """Decode received bytes and count their samples and notices."""
         self.heard += chunk.data[: KEPT - len(self.heard)]
         self.byte_count += len(chunk.data)
         batch = self.decoder.feed(chunk.data, chunk.arrival_ns)
@@ -94,16 +88,15 @@ class StreamSeen:
 
     @property
     def rate_hz(self) -> float | None:
-        """Return the number of samples a second; None with too few samples."""
+        """Return the number of samples per second; None with too few samples."""
         span_s = (self._last_ns - self._first_ns) * NS
         return (self.samples - self._before_first) / span_s if span_s > 1.0 else None
 
 
 @dataclass(slots=True)
 class MachineSeen:
-    """Answers of the machine. ``changes`` counts the changes of each signal; ``unanswered`` names
-    the signals that the last answer lacked.
-    """
+    """Answers of the machine. ``changes`` counts the changes of each signal; ``unanswered``
+    contains the signals that are missing in the last answer."""
 
     link: LinkSeen
     decoder: SignalDecoder
@@ -117,7 +110,6 @@ class MachineSeen:
     _first_ns: int = 0
 
     def take(self, block: ModbusBlock) -> None:
-        """Process the answer to a poll."""
         self._first_ns = self._first_ns or block.send_ns
         self.heard_s = (block.recv_ns - self._first_ns) * NS
         self.slowest_s = max(self.slowest_s, (block.recv_ns - block.send_ns) * NS)
@@ -138,14 +130,13 @@ class MachineSeen:
 
     @property
     def rate_hz(self) -> float | None:
-        """Return the number of answered polls a second; None with too few polls."""
+        """Return the number of answered polls per second; None with too few polls."""
         return self.polls / self.heard_s if self.heard_s > 1.0 else None
 
 
 class Observation:
-    """The present data of laser, machine and, if configured, the 4-DOF head and the sensor of
-    air.
-    """
+    """The present data of laser, machine and, if the survey file contains them, of the 4-DOF head
+    and the air sensor."""
 
     def __init__(self, survey: Survey) -> None:
         self.survey = survey
@@ -163,18 +154,15 @@ class Observation:
 
     @property
     def air(self) -> frozenset[str]:
-        """Return the signals of air and material that the laser or an air sensor measures and that
-        the survey uses.
-        """
+        """Return the signals of air and material that the survey uses and that the laser or an air
+        sensor measures."""
         return frozenset(condition_names(self.survey, self.sensor))
 
     @property
     def links(self) -> tuple[LinkSeen, ...]:
-        """Return every link of the survey."""
         return (*(stream.link for stream in self.streams), self.machine.link)
 
     def take(self, event: Event) -> None:
-        """Pass an event to the link to which it belongs."""
         if isinstance(event, Chunk):
             next(stream for stream in self.streams if stream.link.name == event.stream).take(
                 event
@@ -188,7 +176,6 @@ class Observation:
                     stream.decoder.resync()
 
     def named(self, statuses: Statuses) -> None:
-        """Store the addresses of the links."""
         addresses = dict(zip(("laser", "machine", "head", "air"), statuses, strict=True))
         for link in self.links:
             status = addresses[link.name]
@@ -196,10 +183,10 @@ class Observation:
 
 
 async def watch(observation: Observation, seconds: float, show: Callable[[], None]) -> None:
-    """Keep the links of the survey open for some seconds and collect their data; ``show`` is called
-    a few times a second.
+    """Open the links of the survey for some seconds and collect their data. ``show`` is called a
+    few times per second.
 
-    The watch never writes to the machine. Raises an error only for a fault of this program.
+    The function never writes to the machine, and raises no error for a fault of a link.
     """
     survey_links = SurveyLinks(observation.survey, observation.take)
     observation.named(survey_links.statuses())

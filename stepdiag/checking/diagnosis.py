@@ -1,8 +1,7 @@
-"""From the data of the links to words: faults of laser, machine and register map, and their
-remedies.
+"""Faults of laser, machine and register map, and their remedies, found in the data of the links.
 
-An error means that no survey can be recorded in this state; a warning that the operator has to
-inspect something; a note that a check is not possible yet.
+An error means that no survey can be recorded. A warning means that the operator has to inspect
+something. A note means that a check is not possible yet.
 """
 
 from collections.abc import Iterator
@@ -24,30 +23,26 @@ from stepdiag.daq.survey.models import Plc
 from stepdiag.daq.timing.samples import Flag
 
 HEARTBEAT_S = 1.0
-"""The heartbeat changes at least once a second (contract 2)."""
+"""Longest time in s between two changes of the heartbeat (contract 2)."""
 JUDGED_AFTER_S = 2.5
-"""Time in s after which a missing change or arrival of a signal is reported."""
+"""Time in s without a change or arrival of a signal after which the signal is reported."""
 GARBAGE_SHARE = 0.01
-"""Share of undecodable lines above which they are reported: a single disturbed line is no fault of
-the wiring.
-"""
+"""Share of undecodable lines above which they are reported: a correct wiring gives single disturbed
+lines."""
 RATE_SHARE = 0.05
-"""Relative deviation from the nominal sample rate above which it is reported: clocks of instruments
-differ by less.
-"""
+"""Relative deviation from the nominal sample rate above which the rate is reported: the clocks of
+instruments are more accurate."""
 POLL_SHARE = 0.8
-"""Share of answered polls below which the loss is reported: even on a busy computer more polls are
-answered.
-"""
+"""Share of answered polls below which the loss is reported: even a busy computer gets more
+answers."""
 PLAUSIBLE = {
     "x_mm": (-50_000.0, 50_000.0),
     "y_mm": (-50_000.0, 50_000.0),
     "z_mm": (-50_000.0, 50_000.0),
     **HALL,
 }
-"""Possible values of the signals of a machine in a hall; any other value was read from the wrong
-place or with the wrong type, byte order or scale.
-"""
+"""Possible values of a machine's signals in a hall. A value outside them comes from the wrong
+register, or was read with the wrong type, byte order or scale."""
 _FLAG_WORDS = {
     Flag.HEAD_ERROR: message("check-head-error"),
     Flag.SLEW: message("check-slew"),
@@ -59,9 +54,8 @@ _FLAG_WORDS = {
 
 
 def diagnose(seen: Observation) -> tuple[Finding, ...]:
-    """Return all findings about the links, in the order compensation, plan, laser, head, sensor of
-    air, machine.
-    """
+    """Return all findings about the links in the order compensation, plan, laser, head, air sensor,
+    machine."""
     found = [
         *compensation_findings(seen.survey),
         *hidden_slip(seen.survey),
@@ -91,7 +85,6 @@ def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
 
 
 def _conditions(seen: Observation) -> Iterator[Finding]:
-    """Yield the faults of the values of air and material, measured by the laser or a sensor."""
     for name in sorted(seen.air):
         value = seen.sensor.conditions.get(name)
         if value is None:
@@ -104,9 +97,6 @@ def _conditions(seen: Observation) -> Iterator[Finding]:
 
 
 def _missing_condition(seen: Observation, name: str) -> Finding:
-    """Return the finding of a condition of air or material that the instrument should measure but
-    does not: a warning if no reading depends on it.
-    """
     if seen.survey.air_sensor is not None:
         return error("conditions-held.sensor-silent", name=name)
     stated = getattr(seen.survey.environment, name)
@@ -115,13 +105,11 @@ def _missing_condition(seen: Observation, name: str) -> Finding:
 
 
 def _senseless(stream: StreamSeen) -> Message:
-    """Return a message about the bytes of a stream that could not be decoded into samples."""
     remark = stream.remarks.get("garbage") or stream.remarks.get("device") or ""
     return senseless(STREAMS[stream.link.name], stream.heard, stream.byte_count, remark)
 
 
 def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
-    """Yield the findings about an instrument whose bytes were decoded into readings."""
     name, counts = STREAMS[stream.link.name], stream.counts
     if counts["garbage"] > GARBAGE_SHARE * stream.samples:
         why = stream.remarks["garbage"]
@@ -167,9 +155,6 @@ def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
 
 
 def _light(stream: StreamSeen) -> Iterator[Finding]:
-    """Yield the findings about the state of the beam and of the instrument, from the last
-    sample.
-    """
     name, flags = STREAMS[stream.link.name], stream.last_flags
     strength = "" if stream.beam is None else f" ({100 * stream.beam:.0f} %)"
     if flags & Flag.BEAM_LOST:
@@ -262,7 +247,6 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
 
 
 def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
-    """Yield the faults of the machine's heartbeat."""
     if (
         "heartbeat" not in plc.signal_names
         or machine.signals.heartbeat is None
@@ -294,7 +278,6 @@ def _absent(link: LinkSeen, seconds: float) -> Finding:
 
 
 def _lasting(link: LinkSeen) -> Iterator[Finding]:
-    """Yield the faults of a link that delivered data and was lost later."""
     if link.state in ("lost", "silent"):
         yield finding(
             "error", message("check-gone", why=link.detail), code=f"{link.name}-silent"

@@ -1,7 +1,7 @@
-"""Recognition of instruments and controls: listening on a port until an instrument is recognised,
-and querying a host in the protocol of each control.
+"""Recognition of instruments on serial ports, and of controls by queries in their protocols.
 
-Nothing is written to a machine. A polled instrument receives a request for a reading.
+Nothing is written to a machine. An instrument that sends only on request receives a request for a
+reading.
 """
 
 import asyncio
@@ -32,7 +32,7 @@ from stepdiag.daq.survey.models import Plc
 
 PROBED = ("modbus", "siemens-828d", "heidenhain")
 ANSWER_S = 10.0
-"""Longest time for a control's answer in s."""
+"""Longest time in s for the answer of a control."""
 _LOOK_S = 0.1
 _NETWORK_PORTS = {9090: "ids3010", 2101: "qudis"}
 _SPEAKERS: dict[str, FormatSettings] = {
@@ -55,8 +55,7 @@ class PortSeen:
 @dataclass(frozen=True, slots=True)
 class Heard:
     """The bytes received on a port: their format (empty if unknown), the baud rate, the first
-    bytes, and the reason of a failure.
-    """
+    bytes, and the reason of a failure."""
 
     format: str
     baud: int
@@ -66,9 +65,8 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """The answer of a host in the protocol of a control: its signals, or the reason for their
-    absence.
-    """
+    """The answer of a host in the protocol of a control: its signals, or the reason why they are
+    missing."""
 
     control: str
     signals: Signals | None
@@ -76,16 +74,14 @@ class Answered:
 
 
 def ports() -> list[PortSeen]:
-    """Return the serial ports of this computer to which a device is connected, with the names that
-    stay the same (``by-id``) where they exist.
-    """
+    """Return the serial ports of this computer with a connected device, by their stable names
+    (``by-id``) if these exist."""
     return [PortSeen(name, words) for name, words in present_ports().items()]
 
 
 async def listen(port: str, baud: int, seconds: float) -> Heard:
-    """Listen on a port until an instrument is recognised; ``baud`` 0 means the usual rates,
-    ``seconds`` is the time for each combination of format and rate.
-    """
+    """Listen on a port until an instrument is recognised. ``baud`` 0 tries the usual rates;
+    ``seconds`` is the time for each combination of format and rate."""
     last = Heard("", baud, b"")
     for name, rate in _ways(port, baud):
         last = await _heard(port, name, rate, seconds, last)
@@ -96,11 +92,11 @@ async def listen(port: str, baud: int, seconds: float) -> Heard:
 
 async def probe(host: str, tcp_port: int, controls: Sequence[str] = PROBED) -> list[Answered]:
     """Query a host for the signals of ``controls``, one protocol after another; ``tcp_port`` 0
-    means the usual ports.
+    tries the usual ports.
 
-    The queries are not simultaneous: loading a library stops the loop, and an answer in this time
-    would count as late. A named port has a single protocol: after the first control that answers on
-    this port, no other control is queried.
+    The queries are sequential: loading a library stops the event loop, and a simultaneous answer
+    would count as late. A given port has a single protocol, so the first control that answers ends
+    the search.
     """
     answered: list[Answered] = []
     for control in controls:
@@ -111,9 +107,6 @@ async def probe(host: str, tcp_port: int, controls: Sequence[str] = PROBED) -> l
 
 
 def _ways(port: str, baud: int) -> Iterator[tuple[str, int]]:
-    """Yield the combinations of format and rate, most likely first: instruments that send by
-    themselves, then polled instruments.
-    """
     line = network_line(port)
     if line is not None:
         first = _NETWORK_PORTS.get(line.port, "umd")

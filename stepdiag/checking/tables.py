@@ -1,4 +1,4 @@
-"""The state of the links as a table: live on a terminal, once at the end elsewhere."""
+"""The state of the links as a table: live on a terminal, otherwise once at the end."""
 
 from typing import Any
 
@@ -18,9 +18,8 @@ DECIMALS = {
 
 
 def check_table(seen: Observation) -> Table:
-    """Return every link and every signal with its place, its present value, and how often the value
-    has changed.
-    """
+    """Return a table of every link and every signal with its register, its present value and its
+    number of changes."""
     table = Table(
         title=f"{seen.survey.identity.name}: {seen.survey.identity.machine}, {seen.seconds:.0f} s"
     )
@@ -104,7 +103,6 @@ def _shown_number(value: float | None, decimals: int, unit: str = "") -> str:
 
 
 def check_json(seen: Observation) -> dict[str, Any]:
-    """Return the table of the links as JSON types, for programs."""
     return {
         "seconds": round(seen.seconds, 3),
         **{stream.link.name: _stream_json(stream) for stream in seen.streams},

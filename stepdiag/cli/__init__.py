@@ -1,6 +1,5 @@
-"""One module per group of commands; each module has a function ``register(app)``. Heavy imports
-stay inside the functions.
-"""
+"""One module per group of commands, each with a function ``register(app)``. Imports that take time
+are inside the functions."""
 
 MODULES = (
     "demo",
@@ -29,7 +28,7 @@ MODULES = (
     "publish",
     "service",
 )
-"""The groups of commands, in the order in which the help shows them."""
+"""The groups of commands in the order of the help."""
 
 LINUX_ONLY = frozenset(
     {
@@ -47,6 +46,5 @@ LINUX_ONLY = frozenset(
         "stream",
     }
 )
-"""The commands that need Linux: they use ports or a recorder, or they confine services that are
-open to the network.
-"""
+"""The commands that require Linux: they use ports or a recorder, or they confine services that are
+open to the network."""

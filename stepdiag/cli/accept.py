@@ -14,13 +14,10 @@ if TYPE_CHECKING:
 
 
 FEW = 5
-"""Number of doubts that are printed without ``--verbose``: of the accepted doubts, and of the
-remaining ones.
-"""
+"""Number of doubts that are printed without ``--verbose``: accepted doubts, and open doubts."""
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("accept")(accept)
 
 
@@ -79,9 +76,6 @@ def accept(
 
 
 def _moment(text: str | None) -> "datetime":
-    """Return the time that a person states, in UTC. Raises UsageError for a text that is no time,
-    and for a time before the build of this program.
-    """
     from datetime import UTC, datetime
 
     from stepdiag.base.errors import UsageError

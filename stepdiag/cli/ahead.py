@@ -1,4 +1,4 @@
-"""``stepdiag next``: the next pass of a survey that is under way, and the end of the survey."""
+"""``stepdiag next``: the next setup of a survey, or the end of the survey."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +11,6 @@ from stepdiag.terminal.viewer import wrapped
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("next")(next_setup)
 
 
@@ -75,9 +74,6 @@ def next_setup(
 
 
 def _programs(file: Path, setup: str) -> list[str]:
-    """Write the NC program of a setup beside the survey file, for each control of the survey that
-    takes programs; return the names of the programs.
-    """
     from stepdiag.daemon.driving import programs_of
     from stepdiag.daq.survey.file import load_survey
     from stepdiag.exporters.files.control_file import ControlFile

@@ -1,4 +1,4 @@
-"""The command line: commands by name."""
+"""The application of the command line with all its commands."""
 
 import sys
 from collections.abc import Callable
@@ -43,7 +43,6 @@ def stepdiag(
 
 
 def build() -> Callable[[], None]:
-    """Return the application with every command registered."""
     from importlib import import_module
 
     for name in MODULES:
@@ -54,7 +53,6 @@ def build() -> Callable[[], None]:
 
 
 def _refuse_elsewhere(group: typer.Typer, before: str = "") -> None:
-    """Replace each command that needs Linux by one that refuses, whatever its arguments."""
     for command in group.registered_commands:
         name = before + str(command.name or getattr(command.callback, "__name__", ""))
         if name in LINUX_ONLY and command.callback:

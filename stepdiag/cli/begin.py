@@ -8,13 +8,11 @@ from stepdiag.base.messages import message
 from stepdiag.terminal.viewer import print_words
 
 ANSWER_S = 10.0
-"""Longest time in s until the daemon begins the setup: the daemon examines the file of requests ten
-times a second.
-"""
+"""Longest time in s until the daemon begins the setup; the daemon reads the file of requests ten
+times per second."""
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("begin")(begin)
 
 

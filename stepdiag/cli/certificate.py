@@ -1,5 +1,5 @@
-"""``stepdiag certificate``: a result as a digital calibration certificate; `verify` computes it
-again."""
+"""``stepdiag certificate``: a result as a digital calibration certificate; and the verification of
+a certificate."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,11 +13,10 @@ from stepdiag.terminal.viewer import print_words
 
 JUDGED_WRONG, UNDECIDED = 5, 3
 MOST_CERTIFICATES = 100
-"""Largest number of certificates of one survey: their file names are numbered up to this number."""
+"""Largest number in the file names of a survey's certificates."""
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("certificate")(certificate)
 
 
@@ -79,12 +78,11 @@ def certificate(
 
 
 def certify_folder(folder: Path) -> Path:
-    """Write the certificate of a finished survey beside its logs, on request of the page; return
-    its path.
+    """Write the certificate of a finished survey beside its logs; return its path.
 
-    The certificate lists the files of every export. A separate report (``certificate.html``) is
-    written too, with the data of ``laboratory.toml`` if that file is in the folder of the survey or
-    in the folder above. An existing certificate is kept: the name of the new one gets a number.
+    The certificate contains the files of every export. A separate report (``certificate.html``) is
+    written too. Both contain the data of ``laboratory.toml`` in the folder of the survey or the
+    folder above it. If a certificate exists, the new file name gets a number.
     """
     from stepdiag.base.files import read_text
     from stepdiag.base.result.result import result_in
@@ -123,10 +121,9 @@ def certify_folder(folder: Path) -> Path:
 
 
 def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -> None:
-    """Compute a certificate again and name the first broken link. Ends with exit code 5 for a
-    broken link.
+    """Verify a certificate and print its first broken link. A broken link gives exit code 5.
 
-    ``custody`` is the folder with the sources, or the address of a store; if empty, the folder of
+    ``custody`` is the folder with the sources or the address of a store, by default the folder of
     the certificate.
     """
     from stepdiag.certificate.custody import verify_archived, verify_certificate
@@ -157,7 +154,6 @@ def verify_file(path: Path, custody: str, key_certificate: Path | None = None) -
 
 
 def is_store(custody: str) -> bool:
-    """Return whether a path names a store: a folder with the mark of a store, or an address of a
-    file system elsewhere.
-    """
+    """Return whether a path is a store: a folder with the mark file of a store, or an address of a
+    remote file system."""
     return "://" in custody or (Path(custody) / "stepdiag-store.json").is_file()

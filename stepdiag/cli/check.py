@@ -1,4 +1,4 @@
-"""``stepdiag check``: connect to laser and machine, show every signal, and name the faults."""
+"""``stepdiag check``: connection to laser and machine, all signals, and their faults."""
 
 import json
 from pathlib import Path
@@ -16,13 +16,10 @@ if TYPE_CHECKING:
     from stepdiag.checking.check import Observation
 
 NOT_REACHED = 4
-"""The exit code for a device that cannot be reached or sends data that cannot be decoded (contract
-5).
-"""
+"""Exit code for a device that cannot be reached or whose data cannot be decoded (contract 5)."""
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("check")(check)
 
 
@@ -61,9 +58,8 @@ def check(
 
 
 def watched(seen: "Observation", seconds: float, *, quiet: bool) -> None:
-    """Watch the links and show their table: live on a terminal, otherwise once at the end, or never
-    if ``quiet``. Ctrl-C ends the watch, not the check.
-    """
+    """Watch the links and show their table: live on a terminal, otherwise once at the end, never if
+    ``quiet``. Ctrl-C ends the watch but not the check."""
     import asyncio
     import logging
     from contextlib import suppress

@@ -1,6 +1,5 @@
-"""``stepdiag profile``, ``export`` and ``verify``: from a result to the files of a control, and the
-effect of these files.
-"""
+"""``stepdiag profile``, ``export``, ``import`` and ``verify``: files of a control and their
+effect."""
 
 import json
 from pathlib import Path
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
     app.command("profile")(profile)
     app.command("export")(export)
     app.command("verify")(verify)
@@ -100,9 +98,8 @@ def export(
 
 
 def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
-    """Print the accepted codes that match no finding of the export, because they are mistyped or
-    not needed.
-    """
+    """Print the accepted codes that match no finding of the export: they are mistyped or not
+    needed."""
     if unused := [
         code
         for code in accept
@@ -112,9 +109,8 @@ def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
 
 
 def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
-    """Return the machine's profile for a control. Raises UsageError for a control that takes no
-    profile.
-    """
+    """Return the machine's profile for a control. Raises UsageError for a control without
+    profiles."""
     from stepdiag.exporters.profiles.file import load_profile
     from stepdiag.exporters.profiles.registry import controller_named
     from stepdiag.exporters.tables import lattice
@@ -167,9 +163,6 @@ def _print_export(written: "ExportReport", *, verbose: bool) -> None:
 
 
 def _print_load(written: "ExportReport") -> None:
-    """Print the sentences of the conclusion about the parts of the export that may be loaded
-    now.
-    """
     from stepdiag.conclusion import export_of, loadable, render
 
     for sentence in loadable([export_of(written)]):
@@ -273,9 +266,6 @@ def verify(
 
 
 def _refuse_both(before: list[Path] | None, read_back: list[Path] | None) -> None:
-    """Raise UsageError for files read out before loading together with files read out after
-    loading.
-    """
     if before and read_back:
         raise UsageError(
             "--before",
@@ -292,10 +282,9 @@ def _read_back(
     *,
     before: bool,
 ) -> "ReadBack | None":
-    """Return the comparison of the control's contents with the written files; with ``before``
-    (loading), the comparison with the machine's own files. None without files of the control.
-    Raises DataError for files of another control.
-    """
+    """Return the comparison of the control's contents with the written files, or for ``before``
+    (loading) with the machine's own files. None without files of the control. Raises DataError for
+    files of another control."""
     from stepdiag.exporters.files.sets import read_given
     from stepdiag.exporters.profiles.file import quick_profile
     from stepdiag.exporters.safety.read_back import compare, compare_before
@@ -342,9 +331,6 @@ def _print_read_back(held: "ReadBack | None", *, before: bool) -> None:
 def _diagonals_alone(
     beside: "list[Compared]", read_back: list[Path], *, as_json: bool
 ) -> None:
-    """Print measured straight diagonals in comparison with a result, if no files are to be judged.
-    Raises UsageError if neither diagonals nor files are given.
-    """
     if read_back:
         raise UsageError(
             "--read-back",
@@ -375,12 +361,11 @@ def _diagonals_json(beside: "list[Compared]") -> dict[str, object]:
 
 
 def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
-    """Return the active files, and the names of the ignored files: notes for people, and restore
-    files beside their originals.
+    """Return the active files, and the names of the ignored files (notes, and restore files beside
+    their originals).
 
-    A folder stands for the set that an export wrote into the folder. A file that belongs to no
-    control and is no note is refused by name. Raises DataError without a file for a control,
-    SafetyError for a changed set.
+    A folder means the set that an export wrote into it. Raises DataError for a file of no control,
+    or without any file for a control. Raises SafetyError for a changed set.
     """
     from stepdiag.exporters.export.written import REPORT
     from stepdiag.exporters.files.naming import is_restore
@@ -435,9 +420,6 @@ def _verification_json(
 
 
 def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
-    """Write the picture of a prediction; ``drawn`` holds the same prediction at the points of the
-    picture.
-    """
     from stepdiag.base.files import write_atomically
     from stepdiag.conclusion import reach_of
     from stepdiag.report.drawings.effect import SUFFIXES, TITLE, drawing_file, effect_drawing
@@ -465,9 +447,6 @@ def _print_verification(
     *,
     verbose: bool,
 ) -> None:
-    """Print the predicted effect and the judgements, wrong tables first; with ``verbose`` also the
-    law by which the control applies each table, and the notes.
-    """
     from rich.console import Console
 
     from stepdiag.terminal.tables import effect_table, print_findings
@@ -491,7 +470,6 @@ def _print_verification(
 
 
 def _caution(measured: "Result", prediction: "Prediction") -> None:
-    """Print the quantities that the prediction lacks, and the files that make the machine worse."""
     unknown: list[Words] = [
         message("scale-of", axis=axis)
         for axis, scale in measured.scale.items()

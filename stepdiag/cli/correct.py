@@ -10,7 +10,6 @@ from stepdiag.terminal.viewer import print_words, shown
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("correct")(correct)
 
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("demo")(demo)
 
 
@@ -110,8 +109,6 @@ def _live(out: Path, seed: int, *, browser: bool) -> None:
 
 
 class _Watching:
-    """The viewer of the live demo at a terminal: prints lines and reads keys."""
-
     def __init__(self, keys: "Keyboard", *, browser: bool) -> None:
         self._keys = keys
         self._browser = browser

@@ -1,5 +1,5 @@
-"""``stepdiag archive``, ``trend``, ``fleet`` and ``resolve``: many machines over years (extra
-``stepdiag[fleet]``)."""
+"""``stepdiag archive``, ``trend``, ``fleet`` and ``resolve``: a store of surveys of many machines
+(extra ``stepdiag[fleet]``)."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,7 +31,6 @@ OUTCOMES = {
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
     app.add_typer(archive, name="archive")
     app.command("trend")(trend)
     app.command("fleet")(fleet)
@@ -40,7 +39,7 @@ def register(app: typer.Typer) -> None:
 
 @contextmanager
 def extra_needed(name: str) -> Iterator[None]:
-    """Turn the error of a missing library into a message with the name of its extra."""
+    """Convert the error of a missing library into a message with the name of its extra."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -165,10 +164,6 @@ def trend(
 
 
 def _name_left_out(left_out: "Sequence[LeftOut]") -> None:
-    """Print on standard error the quantities that no series contains. Raises DataError where a
-    table is damaged, after the other machines were shown.
-    """
-
     for each in left_out:
         print_words(
             message(
@@ -281,9 +276,8 @@ def resolve(
 
 
 def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
-    """Return the scheduler of an address. Raises UsageError for a scheduler without TLS, because it
-    would run the code of any client.
-    """
+    """Return the scheduler of an address. Raises UsageError for a scheduler without TLS, because
+    any client could run code on it."""
     from stepdiag.fleet.resolve import Scheduler
 
     if not address.startswith("tls://"):
@@ -311,7 +305,6 @@ def _scheduler(address: str, files: "Mapping[str, Path | None]") -> "Scheduler":
 def _trends(
     address: str, machine: str, tolerances: list[str], software: str
 ) -> "tuple[list[Trend], tuple[LeftOut, ...]]":
-    """Return the trends of a store, and the quantities that no series contains."""
     from datetime import UTC, datetime
 
     with extra_needed("fleet"):

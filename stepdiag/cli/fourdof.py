@@ -1,6 +1,4 @@
-"""``stepdiag fourdof``: commissioning and tests of the 4-DOF head, live from its port or from
-recordings.
-"""
+"""``stepdiag fourdof``: commissioning and tests of the 4-DOF head, live or from recordings."""
 
 import json
 from pathlib import Path
@@ -26,13 +24,12 @@ if TYPE_CHECKING:
 
 Seconds = Annotated[float | None, typer.Option(min=0.1)]
 ALIGN_S, STABILITY_S = 3600.0, 960.0
-"""Recording times in s of a live head, used where the command states no time."""
+"""Default recording times in s of a live head."""
 
 commands = typer.Typer(no_args_is_help=True)
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
     app.add_typer(commands, name="fourdof")
 
 

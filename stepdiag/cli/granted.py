@@ -1,6 +1,4 @@
-"""The assumptions behind the stated uncertainties U; every command that prints U prints them
-too.
-"""
+"""The assumptions behind U. Every command that prints U also prints these assumptions."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -14,9 +12,8 @@ if TYPE_CHECKING:
 
 
 def say_granted(results: "Sequence[Result]") -> None:
-    """Print the assumed sizes behind the uncertainties of results: once if all results have the
-    same sizes, otherwise under the name of each file.
-    """
+    """Print the assumed sizes behind the U of results: once if all results have the same sizes,
+    otherwise under the name of each file."""
     from stepdiag.base.messages import message
     from stepdiag.base.result.basis import basis_of
 
@@ -31,7 +28,7 @@ def say_granted(results: "Sequence[Result]") -> None:
 
 
 def say_assumed(assumed: "Assumed") -> None:
-    """Print the assumed sizes of a survey that was not driven yet."""
+    """Print the assumed sizes of a survey before the drive."""
     from stepdiag.base.result.basis import sizes_of
 
     print_words(_words(sizes_of(assumed)))

@@ -1,6 +1,4 @@
-"""The help of every command and option in the reader's language: ``texts/help.toml``, found by the
-names of command and option.
-"""
+"""The help of every command and option in the language of the user, from ``texts/help.toml``."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +13,6 @@ if TYPE_CHECKING:
 
 
 class HelpedGroup(TyperGroup):
-    """The commands of the program, each with its help."""
-
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
         _fill(self, "", help_texts(viewers_language()))

@@ -1,6 +1,5 @@
-"""``stepdiag info``, ``recover`` and ``decode``: the contents of a log, mending a log that was cut
-off, and every sample of a log.
-"""
+"""``stepdiag info``, ``recover`` and ``decode``: the contents of a log, repair of a truncated log,
+and every sample of a log."""
 
 import json
 from pathlib import Path
@@ -24,7 +23,6 @@ _LONG = 60
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
     app.command("info")(info)
     app.command("recover")(recover)
     app.command("decode")(decode)
@@ -96,9 +94,6 @@ def decode(
 
 
 def _written(target: Path, write: "Callable[[Path], int]") -> int:
-    """Let the enclosed work write a file under a temporary name, and rename the file when it is
-    complete.
-    """
     from stepdiag.base.disk.part import part_of, publish_new
 
     with part_of(target) as folder:
@@ -164,7 +159,6 @@ def _as_text(found: "LogInfo") -> str:
 
 
 def _short(text: str) -> str:
-    """Return the beginning of a text from a file in a form that is safe to print."""
     shown = printable(text[:_LONG]).replace("\n", "?")
     return shown if len(text) <= _LONG else f"{shown}... ({len(text)} characters)"
 

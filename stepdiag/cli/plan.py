@@ -1,6 +1,4 @@
-"""``stepdiag plan``: before the drive, the forecast of a survey and its duration, and useful
-additional runs.
-"""
+"""``stepdiag plan``: the forecast of a survey, its duration, and recommended further runs."""
 
 import json
 from pathlib import Path
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("plan")(plan)
 
 
@@ -86,9 +83,6 @@ def _print_foreseen(survey: "Survey") -> None:
 
 
 def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> None:
-    """Write the recommended survey into its file. Raises UsageError where no survey is recommended,
-    or the file cannot hold it.
-    """
     from stepdiag.base.files import read_text, write_atomically
     from stepdiag.daq.survey.amended import with_plan
 
@@ -117,9 +111,6 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
-    """Return a plan in the form of a survey file. In this form all runs share the setting of
-    repeats and return passes.
-    """
     import msgspec
 
     from stepdiag.base.setups import setup_of
@@ -151,7 +142,6 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
 def _advise(
     plan: "Plan", about: "Circumstances", minutes: float | None, target_um: float | None
 ) -> "Advice":
-    """Return the planner's advice."""
     from stepdiag.solver.planning.planner import plan as advise
     from stepdiag.terminal.progress import working
 
@@ -183,9 +173,6 @@ def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
 
 
 def _named_json(forecast: "Forecast") -> dict[str, Any]:
-    """Return a survey of the planner's list by its name: its runs, its minutes and the remaining
-    error.
-    """
     from stepdiag.base.result.typed import written
 
     return {
@@ -208,12 +195,9 @@ def _named_json(forecast: "Forecast") -> dict[str, Any]:
 
 
 def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
-    """Return three sizes in um: the slip of the count on a diagonal that is noticed in half of all
-    surveys, the slip that is noticed in nearly all of them, and the effect of the first slip on the
-    volume.
-
-    Empty for a plan without diagonals.
-    """
+    """Return three sizes in um: the slip of the count on a diagonal that half of all surveys
+    detect, the slip that nearly all surveys detect, and the effect of the first slip on the volume.
+    Empty for a plan without diagonals."""
     unseen = ahead.unseen
     if unseen is None:
         return {}

@@ -11,7 +11,6 @@ from stepdiag.terminal.viewer import print_words
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("program")(program)
 
 

@@ -1,6 +1,5 @@
 """``stepdiag proof``: a proof run after loading (a diagonal and a line, ten minutes of driving),
-judged table by table.
-"""
+with a verdict on each table."""
 
 import json
 from pathlib import Path
@@ -25,12 +24,10 @@ if TYPE_CHECKING:
 MINUTES = 10.0
 EXIT_CODES = {"keep": 0, "restore": JUDGED_WRONG, "undecided": UNDECIDED}
 """Exit codes of contract 5 for a file that is judged wrong, and for data that do not support the
-request.
-"""
+request."""
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("proof")(proof)
 
 
@@ -86,7 +83,6 @@ def _plan(
     *,
     as_json: bool,
 ) -> None:
-    """Write the survey file of a proof run, and its programs."""
     from stepdiag.base.files import write_atomically
     from stepdiag.completion.proof import ProofFiles, planned
     from stepdiag.daemon.survey_state import standing_of
@@ -133,7 +129,6 @@ def _plan(
 
 
 def _acting(folder: Path) -> list[Path]:
-    """Return the paths of those files of an export that change the behaviour of the control."""
     from stepdiag.cli.control import tables_among
 
     return [folder / each.name for each in tables_among([folder])[0]]
@@ -174,7 +169,6 @@ def _print_plan(plan: "ProofPlan") -> None:
 
 
 def _judge(file: Path, survey: "Survey", *, verbose: bool, as_json: bool) -> None:
-    """Print the verdict on a proof run. Raises UsageError before its last pass is complete."""
     from stepdiag.base.files import read_bytes
     from stepdiag.base.readings.readings import parse_readings
     from stepdiag.completion.proof import loaded_in, proof_of, sign_records
@@ -219,9 +213,8 @@ def _judge(file: Path, survey: "Survey", *, verbose: bool, as_json: bool) -> Non
 def print_verdict(
     verdict: "Proof", restore: list[Path], records: list[str], *, verbose: bool
 ) -> None:
-    """Print the next action and the files to restore; with ``verbose`` also each table, and the
-    entries for the profile that replace sign tests.
-    """
+    """Print the next action and the files to restore. With ``verbose``, also print each table and
+    the profile entries that replace sign tests."""
     from stepdiag.completion.proof import action_words, words_of
 
     print_words(action_words(verdict))
@@ -246,7 +239,6 @@ def _day(result: Path) -> "date":
 
 
 def _restore_files(file: Path, survey: "Survey") -> list[Path]:
-    """Return the paths of the restore files of the control, which lie beside the loaded files."""
     from stepdiag.exporters.files.naming import is_restore
 
     folder = (file.parent / survey.machine.active[0]).parent

@@ -1,6 +1,5 @@
 """``stepdiag publish``: state, findings and result of a survey for other programs (extras
-``stepdiag[mqtt]``, ``stepdiag[opcua]``).
-"""
+``stepdiag[mqtt]``, ``stepdiag[opcua]``)."""
 
 import json
 from pathlib import Path
@@ -20,7 +19,6 @@ PORT, SECURE_PORT, OPCUA_PORT = 1883, 8883, 4840
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("publish")(publish)
 
 
@@ -164,9 +162,6 @@ def _endpoint(
 def _who(
     file: Path, kind: str, user: str, password_file: str, whom: str, host: str, *, plain: bool
 ) -> tuple[str | None, str | None]:
-    """Return user and password. Raises UsageError for a password without a user, and for a password
-    that would cross the network unencrypted.
-    """
     from stepdiag.page.settings import is_loopback, secret
 
     known_user = user or secret(file, f"{kind}-user", "", "--user") or None
@@ -188,7 +183,6 @@ def _who(
 
 
 def _refuse(option: str, **given: object) -> None:
-    """Raise UsageError for an option that has no meaning together with another option."""
     names = [f"--{name}" for name, value in given.items() if value]
     if names:
         raise UsageError(

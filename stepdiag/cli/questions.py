@@ -1,4 +1,4 @@
-"""Questions to a person on a terminal; each can be answered by an option of the command instead."""
+"""Questions to a person on a terminal; an option of the command replaces each question."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,6 @@ _WORDS = {
 
 
 def on_terminal() -> bool:
-    """Return whether a person at a terminal can answer questions."""
     import sys
 
     return sys.stdin.isatty()
@@ -34,9 +33,8 @@ def asked(
     understood: Callable[[str], Any],
     default: str | None = None,
 ) -> Any:
-    """Return the answer to a question: from the option, or from the person, who is asked until the
-    answer is valid; without a terminal the default.
-    """
+    """Return the answer to a question from the option or from the person; without a terminal the
+    default. An invalid answer is asked again."""
     import click
 
     if given is not None:
@@ -64,9 +62,7 @@ def asked(
 def machine_class_asked(
     name: str | None, feedback: str | None, pitch_mm: str | None
 ) -> "MachineClass":
-    """Return the class of the machine, its feedback and the pitch of its ball screws, if its
-    feedback is by screws.
-    """
+    """Return the class of the machine, its feedback, and the pitch of its ball screws."""
     from stepdiag.base.conditions.assumptions import CLASSES, FEEDBACKS
     from stepdiag.daq.survey.composed import MachineClass
 

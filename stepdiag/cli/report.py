@@ -1,4 +1,4 @@
-"""``stepdiag report`` and ``stepdiag compare``: results in the form for people."""
+"""``stepdiag report`` and ``stepdiag compare``."""
 
 import json
 import shlex
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
     app.command("report")(report)
     app.command("compare")(compare)
 
@@ -76,9 +75,6 @@ def report(
 
 
 def _require_alike(before: "Result", after: "Result") -> None:
-    """Raise ``DataError`` where the survey after loading is of another machine or of another
-    volume.
-    """
     from stepdiag.comparing.compare import require_alike, require_same_volume
 
     require_alike(before, after)
@@ -86,9 +82,6 @@ def _require_alike(before: "Result", after: "Result") -> None:
 
 
 def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "AsLeft":
-    """Return the result of the survey after loading. Raises ``DataError`` for another machine or
-    another volume.
-    """
     from stepdiag.conclusion import conclude
     from stepdiag.report.certificate import as_left
 
@@ -97,9 +90,8 @@ def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "
 
 
 def result_file(path: Path) -> Path:
-    """Return the file of a result: the given file, or the result's file in the given folder of a
-    survey.
-    """
+    """Return the path of a result: the given file, or the result's file in the given folder of a
+    survey."""
     from stepdiag.daq.records.survey_folder import RESULT
 
     return path / RESULT if path.is_dir() else path
@@ -112,8 +104,8 @@ def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":
 
 
 def read_result(path: Path, name: str = "") -> "Result":
-    """Return the result in a file or in the folder of a survey, named ``name``; without ``name``,
-    named like its file.
+    """Return the result in a file or in the folder of a survey. Messages call it ``name``, by
+    default the file name.
 
     Raises ``UsageError`` for a missing or unreadable file, ``DataError`` for a file that is not a
     result.
@@ -147,9 +139,8 @@ def read_result(path: Path, name: str = "") -> "Result":
 
 
 def _distinct(paths: list[Path]) -> list[str]:
-    """Return the names of files; where two names are equal, the paths as given, because the result
-    of every survey is called result.json.
-    """
+    """Return the names of files. For equal names return the paths as given, because the result of
+    every survey is called result.json."""
     return [
         path.name if len({other.name for other in paths}) == len(paths) else str(path)
         for path in paths
@@ -287,7 +278,6 @@ def _left_json(left: "AsLeft", concluded: "Conclusion") -> dict[str, Any]:
 
 
 def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
-    """Print the predicted and the measured errors, and the conclusion from both."""
     from stepdiag.report.certificate import interval_words
     from stepdiag.texts.texts import catalogue
 

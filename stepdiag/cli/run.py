@@ -1,6 +1,5 @@
-"""``stepdiag run``: the daemon, and the commands that the daemon starts as processes when a survey
-is complete.
-"""
+"""``stepdiag run``: the daemon, and the commands that it starts as processes for a complete
+survey."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +10,6 @@ from stepdiag.base.messages import joined, message
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
     app.command("run")(run)
     app.command("complete", hidden=True)(complete)
     app.command("pack", hidden=True)(pack)

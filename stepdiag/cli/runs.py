@@ -1,6 +1,5 @@
 """Runs measured by other programs: ``--run`` of solve, ``--diagonal`` of verify, tables of
-``import``, and ``stepdiag rtl``.
-"""
+``import``, and ``stepdiag rtl``."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Compared(NamedTuple):
-    """A straight diagonal: its name, targets, and the mean error along it as predicted and as
+    """A straight diagonal: its name, its targets, and the mean error along it, predicted and
     measured, in um."""
 
     diagonal: str
@@ -28,14 +27,12 @@ class Compared(NamedTuple):
 
     @property
     def largest_um(self) -> float:
-        """Return the largest difference between the predicted and the measured error, in um."""
         return max(
             abs(a - b) for a, b in zip(self.predicted_um, self.measured_um, strict=True)
         )
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("rtl")(rtl)
 
 
@@ -71,8 +68,7 @@ def rtl(
 
 def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readings":
     """Return readings with the runs of these files added. Raises DataError or UsageError for a
-    wrong file, and for a file that belongs to no setup.
-    """
+    wrong file or a file without a setup."""
     from stepdiag.base.files import read_text
     from stepdiag.base.readings.rtl import parse_rtl, rtl_readings, with_runs
 
@@ -90,14 +86,13 @@ def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readi
 
 
 def files_of(runs: Sequence[str]) -> list[Path]:
-    """Return the files named by the runs. Raises UsageError for a run in the wrong form."""
+    """Return the files of the runs. Raises UsageError for a run in the wrong form."""
     return [_placed(option)[1] for option in runs]
 
 
 def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
     """Return the predicted and the measured error for each straight diagonal: the mean of its runs,
-    less the value at the first target.
-    """
+    less the value at the first target."""
     import numpy as np
 
     from stepdiag.base.files import read_text
@@ -131,7 +126,6 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
 
 
 def print_compared(each: Compared) -> None:
-    """Print the predicted and the measured errors of one diagonal."""
     print_words(
         message("diagonal-difference", diagonal=each.diagonal, largest_um=each.largest_um)
     )
@@ -143,9 +137,6 @@ def print_compared(each: Compared) -> None:
 
 
 def _placed(option: str, where: str = "--run") -> tuple[str, Path, list[float]]:
-    """Return setup, file and a point of the line from ``[linear-x=]FILE.rtl[@X,Y,Z]``; absent parts
-    are empty. Raises UsageError.
-    """
     from stepdiag.base.names import LINEAR_RUNS
 
     rest, at, place = option.rpartition("@")
@@ -171,7 +162,7 @@ def _placed(option: str, where: str = "--run") -> tuple[str, Path, list[float]]:
 
 
 def import_tables(tables: Sequence[str], columns: Sequence[str], out: Path) -> None:
-    """Write readings, angles and straightness of tables (linear-x=FILE[@X,Y,Z]) into a folder.
+    """Write the readings, angles and straightness in tables (linear-x=FILE[@X,Y,Z]) into a folder.
     Raises DataError or UsageError."""
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""``stepdiag service``: a survey as a service of systemd, installed and removed."""
+"""``stepdiag service``: installation and removal of a survey as a systemd service."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,7 +15,6 @@ DryRun = Annotated[bool, typer.Option("--dry-run")]
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
     service = typer.Typer(no_args_is_help=True)
     service.command("install")(install)
     service.command("remove")(remove)

@@ -1,4 +1,4 @@
-"""``stepdiag setup``: a first survey by questions; every answer may be an option."""
+"""``stepdiag setup``: a first survey file by questions; an option replaces each question."""
 
 from collections.abc import Callable, Coroutine
 from pathlib import Path
@@ -22,7 +22,6 @@ _FORMATS = ("umd", "nd", "ids3010", "lasertex", "qudis")
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("setup")(setup)
 
 
@@ -100,7 +99,6 @@ def setup(
 def _laser(
     port: str | None, form: str | None, baud: int, seconds: float
 ) -> tuple[str, str, int]:
-    """Return the laser's port, format and rate, from the answer of the person or from listening."""
     from stepdiag.checking.hearing import listen, ports
 
     if port is None:
@@ -142,9 +140,6 @@ def _laser(
 
 
 def _control(control: str | None, host: str | None, port: int) -> tuple[str, str, int]:
-    """Return the control, its host and its TCP port (0: the usual port), from the answer of the
-    person, or from queries: in every protocol, or only in that of the named control.
-    """
     from stepdiag.daq.survey.controls import CONTROLS
 
     if control is not None and _known_control(control, "--control") == "none":
@@ -171,9 +166,6 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
 
 
 def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered], str, int]":
-    """Return the control that answers, with its address and port. If no control answers at the
-    usual ports, the person is asked for another address or port.
-    """
     from stepdiag.checking.hearing import PROBED, probe
 
     controls = PROBED if control is None else (control,)
@@ -195,9 +187,8 @@ def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered],
 
 
 def _while_saying(words: Message, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-    """Return the result of an asynchronous function. The questions are asked while its loop runs,
-    so that Ctrl-C closes the loop properly.
-    """
+    """Return the result of an asynchronous function. The questions are asked inside its loop, so
+    that Ctrl-C closes the loop properly."""
     import asyncio
 
     async def asked_and_done() -> T:
@@ -208,14 +199,10 @@ def _while_saying(words: Message, work: Callable[[], Coroutine[Any, Any, T]]) ->
 
 
 def _likely(answered: "list[Answered]") -> str | None:
-    """Return the control that answered, if any."""
     return next((each.control for each in answered if each.signals is not None), None)
 
 
 def _shown(text: str, source: str, seconds: float) -> bool:
-    """Show the signals of the future survey; return whether the survey can be recorded in this
-    state.
-    """
     from stepdiag.checking.check import Observation
     from stepdiag.checking.diagnosis import diagnose
     from stepdiag.cli.check import show_findings, watched
@@ -299,7 +286,6 @@ def _whole(text: str) -> int:
 
 
 def _elsewhere(text: str) -> int | str:
-    """Return a TCP port; if the answer is no number, the name or address of a control."""
     return _tcp_port(text) if text.lstrip("-").isdecimal() else _text(text)
 
 

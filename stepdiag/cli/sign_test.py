@@ -1,6 +1,5 @@
 """``stepdiag signtest``: a test that shows whether a control adds or subtracts the values of its
-tables (controllers.md 11).
-"""
+tables (controllers.md 11)."""
 
 import json
 import shlex
@@ -23,7 +22,6 @@ NOTE = "SIGNTEST.txt"
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("signtest")(signtest)
 
 
@@ -121,9 +119,6 @@ def signtest(
 def _write_bump(
     test: "Bump", out: Path, controller: str, profile: Path, result: Path | None
 ) -> None:
-    """Write the table with the known value (a bump), the restore files, and the steps of the
-    test.
-    """
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.files.sets import write_set
 
@@ -136,7 +131,6 @@ def _write_bump(
 
 
 def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) -> str:
-    """Return the sign test as steps for the person who performs it."""
     from stepdiag.exporters.safety.sign_evidence import FEWEST
 
     moving, measured = test.function[2], test.function[1]

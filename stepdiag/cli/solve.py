@@ -1,6 +1,4 @@
-"""``stepdiag solve``, ``replay`` and ``plan``: from readings or logs to a result, and the forecast
-of a survey.
-"""
+"""``stepdiag solve`` and ``replay``: from readings or logs to a result."""
 
 import json
 from dataclasses import replace
@@ -25,17 +23,14 @@ if TYPE_CHECKING:
 
 MOST_TRIALS = 2_000_000
 CLOSED = ("least-squares", "wang2000")
-"""Solution methods that take only the readings, without other files."""
+"""Solution methods whose only input is the readings."""
 DETAILS = frozenset({"unknown_usual", "unknown_slip_passes"})
-"""Message keys of the sentences about unidentified values, which `--verbose` and the report
-show.
-"""
+"""Keys of the sentences about unidentified values, which only `--verbose` and the report show."""
 CHAIN = "FXYZ"
-"""The kinematic chain of a readings file for which no chain is stated."""
+"""Default kinematic chain of a readings file."""
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
     app.command("solve")(solve)
     app.command("replay")(replay)
 
@@ -125,9 +120,8 @@ def solve(
 
 
 def concluded(result: "Result", *, verbose: bool = True) -> list[str]:
-    """Return the conclusion of a result as lines for a terminal; without ``verbose`` shortened to
-    fit a screen.
-    """
+    """Return the conclusion of a result as lines for a terminal; without ``verbose``, as many as
+    fit a screen."""
     from stepdiag.conclusion import conclude, conclusion_document
 
     found = conclude(result)
@@ -138,7 +132,6 @@ def concluded(result: "Result", *, verbose: bool = True) -> list[str]:
 
 
 def in_lines(document: "Mapping[str, Any]") -> list[str]:
-    """Return the JSON of a conclusion as lines for a terminal."""
     from stepdiag.conclusion import titles_of, words_of
     from stepdiag.terminal.tables import conclusion_lines
 
@@ -147,7 +140,6 @@ def in_lines(document: "Mapping[str, Any]") -> list[str]:
 
 
 def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
-    """Raise UsageError for a file of angles whose effect was compensated during the measurement."""
     from stepdiag.exporters.safety.levers import left_out
 
     found = left_out(active) if angles is not None else None
@@ -158,9 +150,6 @@ def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
 
 
 def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":
-    """Return the result of logs. Raises UsageError for a file that is not named like a log;
-    readings are a single file, named *.csv.
-    """
     from stepdiag.base.files import read_text
     from stepdiag.completion.completion import replay_judged, solve_logs
     from stepdiag.completion.readings_file import source_of

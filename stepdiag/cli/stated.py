@@ -1,6 +1,5 @@
-"""The options by which a person states, after a survey, whether a compensation was active during
-the measurement.
-"""
+"""Options with which a person states, after a survey, whether a compensation was active during the
+measurement."""
 
 from datetime import datetime
 from pathlib import Path
@@ -18,7 +17,7 @@ ActiveDate = Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"])]
 
 
 def active_files(active: list[Path] | None) -> dict[str, bytes]:
-    """Return the files that a person gave as active, by name."""
+    """Return the files that a person entered as active, by name."""
     from stepdiag.base.files import LARGEST_TABLE_BYTES, read_bytes
 
     return {path.name: read_bytes(path, largest=LARGEST_TABLE_BYTES) for path in active or []}
@@ -34,8 +33,7 @@ def with_compensation(
     """Return the result with the operator's statement of active files, and the hashes of these
     files.
 
-    Raises UsageError where the survey already states its compensation, and for an incomplete
-    statement.
+    Raises UsageError for an incomplete statement, or if the survey already contains one.
     """
     from dataclasses import replace
 

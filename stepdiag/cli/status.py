@@ -1,6 +1,5 @@
-"""``stepdiag status``: the state of a survey, from its logs alone; the command works while a daemon
-runs, and after it has ended.
-"""
+"""``stepdiag status``: the state of a survey, read from its logs. The command works during and
+after the recording."""
 
 import json
 import shlex
@@ -22,9 +21,8 @@ if TYPE_CHECKING:
     from stepdiag.daq.records.status import SetupStatus
 
 FEW_REMARKS, FEW_DOUBTS = 6, 4
-"""Number of lines for remarks, and for doubts, without ``--verbose``: together with the table of
-seven setups the output then fits a screen of 30 lines.
-"""
+"""Number of lines for remarks, and for doubts, without ``--verbose``: with a table of seven setups
+the output then fits a screen of 30 lines."""
 ANSWER = ("reached", "verdict", "load", "next_step")
 """Sections of the conclusion that are printed without ``--verbose``."""
 _STATES = {
@@ -42,7 +40,6 @@ _LINKS = {
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("status")(status)
 
 
@@ -99,7 +96,6 @@ def _as_json(found: "Standing") -> dict[str, Any]:
 
 
 def _plain(value: object) -> Any:
-    """Return a struct for JSON, with messages as their English text."""
     import msgspec
 
     if isinstance(value, Message):
@@ -110,10 +106,6 @@ def _plain(value: object) -> Any:
 
 
 def _print(found: "Standing", *, verbose: bool) -> None:
-    """Print the next pass to drive or the conclusion, then the setups and the remarks. Without
-    ``verbose``, only the first remarks of each kind are printed, and only setups and links that
-    need a person.
-    """
     from rich.console import Console
 
     where = message("nothing-recorded-yet") if found.round is None else str(found.round)
@@ -141,9 +133,6 @@ def _print(found: "Standing", *, verbose: bool) -> None:
 
 
 def _remarks(found: "Standing") -> "Iterator[Words]":
-    """Yield the lines about states that need a person: setups, clock, logs, disk, corrections, and
-    a survey file that has changed.
-    """
     for setup in found.setups:
         for words in dict.fromkeys(each for each in (setup.reason, setup.doubt) if each):
             yield message("labelled", name=_named(setup.name), what=words)
@@ -165,9 +154,6 @@ def _ahead(found: "Standing") -> "list[Words]":
 
 
 def _undated(found: "Standing") -> "list[Words]":
-    """Return the message that the computer's clock was never set, with the command that states the
-    time of the survey; empty if the clock was set or the time is stated.
-    """
     from stepdiag.daq.passes.survey_time import CODE
 
     where = shlex.quote(str(found.round or found.folder))
@@ -191,9 +177,8 @@ def _concluded(found: "Standing", *, verbose: bool) -> list[str]:
 
 
 def concluded_in(folder: Path, *, verbose: bool = True) -> list[str]:
-    """Return the conclusion in a survey's folder, as lines; no lines before the conclusion exists.
-    Without ``verbose``, only the sections in `ANSWER`.
-    """
+    """Return the conclusion in a survey's folder as lines, empty if no conclusion exists. Without
+    ``verbose``, return only the sections in `ANSWER`."""
     from stepdiag.cli.solve import in_lines
     from stepdiag.conclusion import conclusion_in
 
@@ -222,9 +207,6 @@ def _named(setup: str) -> Message:
 
 
 def _live(found: "Standing", *, verbose: bool) -> "list[Words]":
-    """Return the data and the pending events of the recorder, as lines; none without a recorder.
-    Without ``verbose``, connected links and the values of air and material are left out.
-    """
     if found.live is None:
         return []
     links = {
@@ -253,9 +235,6 @@ def _live(found: "Standing", *, verbose: bool) -> "list[Words]":
 
 
 def _doubted(found: "Standing") -> "list[Words]":
-    """Return every doubt as a line, except the doubts in the line of a setup; after the doubts of a
-    stop or pass comes the command that accepts them.
-    """
     from stepdiag.daq.passes.doubt import places_of
 
     where = shlex.quote(str(found.round or found.folder))
@@ -274,7 +253,6 @@ def _doubted(found: "Standing") -> "list[Words]":
 
 
 def _still(found: "Standing") -> "list[Words]":
-    """Return the missing passes in the order of driving, one line per pass."""
     total = sum(drive.minutes for drive in found.to_drive)
     lines: list[Words] = [message("status-to-drive", minutes=max(round(total), 1))]
     for drive in found.to_drive:
@@ -294,7 +272,6 @@ def _still(found: "Standing") -> "list[Words]":
 
 
 def _next(found: "Standing") -> "list[Words]":
-    """Return the next command, or the next pass to drive."""
     from stepdiag.daq.records.survey_folder import RESULT
 
     if found.wrong_line:

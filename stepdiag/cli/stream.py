@@ -1,4 +1,4 @@
-"""``stepdiag stream``: a setup recorded by another program becomes a log of the survey."""
+"""``stepdiag stream``: a recording of another program as the log of one setup."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,11 +10,11 @@ from stepdiag.base.messages import message
 from stepdiag.terminal.viewer import print_words
 
 LARGEST_SERIES_BYTES = 400_000_000
-"""Largest number of laser positions in a series: fifty million, a quarter of an hour at 50 kHz."""
+"""Largest number of laser positions in a recording: fifty million, a quarter of an hour at 50
+kHz."""
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("stream")(stream)
 
 

@@ -1,4 +1,4 @@
-"""``stepdiag init``: writes a first survey file."""
+"""``stepdiag init``: a first survey file with comments."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +11,6 @@ from stepdiag.terminal.viewer import print_words
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
     app.command("init")(init)
 
 

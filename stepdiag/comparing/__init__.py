@@ -1,4 +1,4 @@
-"""Comparison of two or more results of a machine: the changes that exceed their uncertainty.
+"""Comparison of several results of a machine: the changes that exceed their uncertainty.
 
-In: results. Out: changes and trends. `cli.report` imports this package.
+`cli.report` and `fleet` import this package.
 """

@@ -1,6 +1,4 @@
-"""The check of results before a comparison: facts that must agree, differences that can be adapted,
-and remarks.
-"""
+"""The check whether results can be compared, and remarks about their differences."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,23 +13,21 @@ from stepdiag.daq.passes.survey_time import CODE as CLOCK
 from stepdiag.solver.model.effects import TURNING
 
 ALMOST = 0.01
-"""Tolerance for the ends of two equal volumes, as a share of the shortest side."""
+"""Tolerance for the corners of two equal volumes, as a share of the shortest side."""
 ALIKE = (*TURNING, "angle origin")
-"""Sources of the uncertainty budget that have the same effect in two surveys of a machine:
-unmeasured angles affect both surveys, but not their difference.
-"""
+"""Sources of the uncertainty budget with the same effect in two surveys of a machine, for example
+unmeasured angles; they do not affect the difference of two surveys."""
 OF_INSTRUMENTS = ("air",)
-"""Sources of the uncertainty budget that have the same effect in two surveys with the same
-instruments: wavelength and air sensor.
-"""
+"""Sources of the uncertainty budget with the same effect in two surveys with the same instruments:
+wavelength and air sensor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """The facts of a result that decide whether it can be compared with others; a text is empty if
-    the result does not state it.
+    """The facts of a result that decide whether it can be compared with another result; a missing
+    text is empty.
 
-    ``volume_mm`` holds origin and size, ``errors`` the codes of findings that are errors.
+    ``volume_mm`` contains origin and size, ``errors`` the codes of findings that are errors.
     """
 
     chain: str = ""
@@ -52,7 +48,6 @@ _LENGTHS = {
 
 
 def standing_of(result: Result) -> Standing:
-    """Return the facts of a result that decide its comparability."""
     facts = result.survey or Facts()
     head = "head" if result.head_straightness else ""
     return Standing(
@@ -75,9 +70,8 @@ def standing_of(result: Result) -> Standing:
 
 
 def apart(one: Standing, other: Standing) -> Message | None:
-    """Return the reason why two results cannot be compared, such as another machine, if both state
-    the fact; None where they can be compared.
-    """
+    """Return the reason why two results cannot be compared, such as another machine; None if they
+    can. A fact counts only if both results contain it."""
     if _differ(one.machine_serial, other.machine_serial):
         return message(
             "differs-serial", expected=one.machine_serial, found=other.machine_serial
@@ -95,9 +89,8 @@ def _differ(one: str, other: str) -> bool:
 
 
 def remarks(one: Standing, other: Standing) -> Iterator[Message]:
-    """Yield the remarks for the reader of a comparison: differences that were adapted, and doubts
-    about a result.
-    """
+    """Yield remarks about a comparison: doubts about a result, and differences of the results that
+    do not prevent the comparison."""
     if one.volume_mm and other.volume_mm and not same_volume(one, other):
         yield message("remark-volumes")
     if _differ(one.instruments, other.instruments):
@@ -113,7 +106,6 @@ def remarks(one: Standing, other: Standing) -> Iterator[Message]:
 
 
 def same_volume(one: Standing, other: Standing) -> bool:
-    """Return whether two results cover the same volume."""
     sizes = [size for size in one.volume_mm[3:] if size > 0]
     return bool(
         np.allclose(
@@ -124,8 +116,7 @@ def same_volume(one: Standing, other: Standing) -> bool:
 
 def common_share(budget: Budget | None, name: str, *, same_instruments: bool) -> float:
     """Return the share of a quantity's standard uncertainty that is common to all surveys of the
-    machine; 0 without a budget.
-    """
+    machine; 0 without a budget."""
     if budget is None or budget.combined.get(name, 0.0) <= 0.0:
         return 0.0
     sources = (*ALIKE, *OF_INSTRUMENTS) if same_instruments else ALIKE

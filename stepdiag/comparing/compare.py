@@ -1,6 +1,5 @@
-"""Comparison of results of a machine: the changes of its errors, and whether a change exceeds its
-uncertainty.
-"""
+"""Changes of a machine's errors between results, each with a verdict whether it exceeds its
+uncertainty."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -23,9 +22,7 @@ from stepdiag.comparing.evolution import beyond
 from stepdiag.conclusion.intervals import reach_of
 
 GRID = 11
-"""Number of points per axis of the grid over which the volumetric errors of results are
-compared.
-"""
+"""Number of grid points per axis for the comparison of volumetric errors."""
 
 Known = tuple[float | None, float | None]
 Shares = tuple[float, float]
@@ -35,9 +32,8 @@ Shares = tuple[float, float]
 class Change:
     """Change of a quantity from the first result to the second.
 
-    The values of a function are those at the node where the difference is largest relative to its
-    uncertainty. ``verdict`` is None if a result does not identify the quantity or states no
-    uncertainty.
+    The values of a function are those at the node where the change is most significant. ``verdict``
+    is None if a result does not identify the quantity or has no uncertainty.
     """
 
     name: str
@@ -45,18 +41,17 @@ class Change:
     before: float | None
     after: float | None
     u: float | None
-    """Standard uncertainty of the difference between both values."""
+    """Standard uncertainty of the difference of both values."""
     position_mm: float | None = None
     verdict: Verdict | None = None
 
     @property
     def difference(self) -> float | None:
-        """Return the value after minus the value before; None where one is missing."""
         return None if self.before is None or self.after is None else self.after - self.before
 
     @property
     def significant(self) -> bool | None:
-        """Return whether the change is more than chance; None where undecided."""
+        """Return whether the change is more than chance; None if undecided."""
         return None if self.verdict is None else self.verdict == "changed"
 
 
@@ -64,8 +59,7 @@ class Change:
 class Comparison:
     """All changes from one result to another, and the volumetric errors of both results over their
     common volume (rms, rigid motion removed): computed from the functions, and as intervals at k =
-    2 (`solver.result.prediction`). ``remarks``: further facts for the reader.
-    """
+    2 (`solver.result.prediction`). ``remarks`` contains remarks about the comparison."""
 
     remarks: tuple[Message, ...]
     changes: tuple[Change, ...]
@@ -77,9 +71,8 @@ class Comparison:
 
 
 def require_alike(before: Result, after: Result) -> None:
-    """Raise ``DataError`` if two results are not of the same machine in the same state: another
-    name, or a reason of `alike.apart`.
-    """
+    """Raise ``DataError`` if two results belong to different machines or to different states of a
+    machine (`alike.apart`)."""
     first, second = ((result.survey or Facts()).machine for result in (before, after))
     if first and second and first != second:
         remedy = message("compare-renamed")
@@ -100,11 +93,11 @@ def require_alike(before: Result, after: Result) -> None:
 
 
 def compare(before: Result, after: Result) -> Comparison:
-    """Return the changes; for an unchanged machine, the chance of any reported change is that of a
-    single quantity beyond k = 2.
+    """Return the changes. For an unchanged machine, the probability of any reported change is that
+    of a single quantity beyond k = 2.
 
-    Raises ``DataError`` if the results are not of the same machine in the same state
-    (`require_alike`), or have no common volume.
+    Raises ``DataError`` for results of different machines or states (`require_alike`), or without a
+    common volume.
     """
     require_alike(before, after)
     common = _common_volume([before, after])
@@ -122,9 +115,8 @@ def compare(before: Result, after: Result) -> Comparison:
 
 
 def require_same_volume(before: Result, after: Result) -> None:
-    """Raise ``DataError`` if a result covers another volume: in a smaller volume the errors are
-    smaller even without a change.
-    """
+    """Raise ``DataError`` if a result has another volume: errors are smaller in a smaller volume,
+    even without a change."""
     if not same_volume(standing_of(before), standing_of(after)):
         boxes = ((each.volume.origin_mm, each.volume.size_mm) for each in (before, after))
         shown = [
@@ -140,10 +132,6 @@ def require_same_volume(before: Result, after: Result) -> None:
 
 
 def _interval(result: Result, common: Volume) -> Interval:
-    """Return the volumetric error of a machine as found. For the result's own volume it is the
-    value stated in the result, as in report and page; for another volume it is computed from new
-    draws.
-    """
     if (
         result.predicted is not None
         and common.origin_mm == result.volume.origin_mm
@@ -160,9 +148,8 @@ def _interval(result: Result, common: Volume) -> Interval:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Asked:
-    """A change, and the differences behind it (shapes (nodes,)): ``u`` is the part of the
-    uncertainty that the surveys do not have in common, ``whole`` the complete uncertainty.
-    """
+    """A change, and the differences behind it, shapes (nodes,). ``u`` is the part of the
+    uncertainty that differs between the surveys, ``whole`` the complete uncertainty."""
 
     change: Change
     steps: Vector = field(default_factory=lambda: np.zeros(0))
@@ -173,10 +160,10 @@ class _Asked:
 
 def _judged(before: Result, after: Result) -> tuple[Change, ...]:
     """Return every change with its verdict: changed if it exceeds the largest chance difference of
-    all nodes and numbers, unchanged if no change above three U is possible.
+    all nodes and numbers, unchanged if a change above three U is excluded.
 
-    A scatter beyond U affects all quantities of a survey, so the median of all differences widens
-    the limit of each quantity. Loaded tables change all quantities, too.
+    A scatter beyond U affects all quantities of a survey. So the median of all differences widens
+    the limit of each quantity, unless the two surveys have different loaded tables.
     """
     asked = list(_changes(before, after))
     steps, u, whole = (
@@ -207,7 +194,6 @@ def _with_verdict(asked: _Asked, questions: int, scattered: float) -> Change:
 
 
 def _changes(before: Result, after: Result) -> Iterator[_Asked]:
-    """Yield every change; for a function, the change at the node where it is largest."""
     instruments = {standing_of(result).instruments for result in (before, after)}
     shares = partial(_shares, (before, after), same_instruments=len(instruments) == 1)
     for name, q in before.squareness.items():
@@ -237,8 +223,7 @@ def _shares(results: Sequence[Result], name: str, *, same_instruments: bool) -> 
 
 def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:
     """Return the standard uncertainty of a difference; the shares ``alike`` of both uncertainties
-    have a common cause and do not affect the difference.
-    """
+    have a common cause and cancel."""
     own = [
         u * np.sqrt(1.0 - share**2) for u, share in ((before, alike[0]), (after, alike[1]))
     ]
@@ -266,9 +251,6 @@ def _number_change(
 
 
 def _function_change(name: str, before: Function, after: Function, alike: Shares) -> _Asked:
-    """Return the change of a function at the node where it is most significant. If only the shape
-    of either function is known, the change is that of the shape.
-    """
     if before.value is None or after.value is None:
         return _Asked(
             change=Change(name=name, unit=before.unit, before=None, after=None, u=None)
@@ -311,17 +293,13 @@ def _at_node(
 
 
 def _other_line(name: str, before: Function, after: Function) -> bool:
-    """Return whether two straightness functions refer to different end points, so that only their
-    shapes over the common range can be compared.
-    """
     same = np.allclose(before.position_mm[[0, -1]], after.position_mm[[0, -1]], atol=1e-6)
     return name in DISPLACEMENTS and name[1] != name[2] and not same
 
 
 def _common_nodes(before: Function, after: Function) -> Vector:
-    """Return those nodes of the coarser function that the finer function covers: the coarser
-    function has no values between its nodes.
-    """
+    """Return the nodes of the coarser function that the finer function covers: the coarser function
+    has no values between its nodes."""
     coarse, fine = (
         (before, after)
         if len(before.position_mm) <= len(after.position_mm)
@@ -342,17 +320,11 @@ def _common_nodes(before: Function, after: Function) -> Vector:
 
 
 def _at_nodes(function: Function, values: Vector, nodes: Vector) -> Vector:
-    """Return a column of a function (values or uncertainties), interpolated at other nodes."""
     at: Vector = np.interp(nodes, function.position_mm, values)
     return at
 
 
 def _common_volume(results: Sequence[Result]) -> Volume:
-    """Return the common volume of all results; its size is 0 along an axis that did not travel in
-    one of them.
-
-    Raises ``DataError`` without a common volume.
-    """
     low = np.max([result.volume.origin_mm for result in results], axis=0)
     high = np.min(
         [np.add(result.volume.origin_mm, result.volume.size_mm) for result in results], axis=0
@@ -382,9 +354,8 @@ def _rms_um(result: Result, volume: Volume) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """A quantity in several results, with its standard uncertainties; None in a result that does
-    not identify the quantity.
-    """
+    """A quantity in several results with its standard uncertainties, None in a result that does not
+    identify the quantity."""
 
     name: str
     unit: str
@@ -393,9 +364,8 @@ class Trend:
 
 
 def trend(results: Sequence[Result]) -> tuple[Trend, ...]:
-    """Return the trends of squareness, scale, range of each function and volumetric error over
-    several results, in the given order.
-    """
+    """Return the squareness, scale, range of each function and volumetric error of several results,
+    in the given order."""
     common = _common_volume(results)
     first = results[0]
     found = [
@@ -436,9 +406,6 @@ def _trend(name: str, unit: str, known: Sequence[Known]) -> Trend:
 
 
 def _range(function: Function) -> Known:
-    """Return the range of a function (largest less smallest value), and the standard uncertainty of
-    this range.
-    """
     if function.value is None:
         return None, None
     low, high = int(np.argmin(function.value)), int(np.argmax(function.value))

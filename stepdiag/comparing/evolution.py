@@ -50,34 +50,29 @@ Mask = NDArray[np.bool_]
 Kind = Literal["step", "line", "run-in", "season"]
 
 LARGEST_SCATTER = 3.0
-"""Largest scatter beyond U that is accepted, in standard uncertainties. A larger scatter means that
-the differences are changes, or that U is wrong.
-"""
+"""Largest accepted scatter beyond U in standard uncertainties. A larger scatter means that the
+differences are changes, or that U is wrong."""
 ENOUGH = 8
-"""Number of differences from which the median gives the scatter; the scatter is then known to a
-third.
-"""
+"""Least number of differences for an estimate of the scatter from their median; the estimate is
+then uncertain by a third."""
 HELD = 0.95
 MOST_COURSES = 5
-"""Largest number of changes that are named in one quantity; smaller changes are left out."""
+"""Largest number of reported changes of one quantity; smaller changes are left out."""
 RUN_INS = (0.1, 0.25, 0.5)
-"""Time constants of a run-in as shares of the observed time: a run-in with a longer constant is a
-line.
-"""
+"""Time constants of a run-in as shares of the observed time. A run-in with a longer constant looks
+like a line."""
 TOO_ALIKE = 1e-9
-"""A course counts as a combination of other courses if the square of its remainder, after they are
-subtracted, is less than this share of the weights.
-"""
+"""A course counts as a combination of other courses if the square of its remainder, after their
+subtraction, is less than this share of the weights."""
 SEASON_YEARS, SEASON_SURVEYS = 1.0, 6
-"""Period of a season in years, and the least number of surveys for a season: a season is searched
-if the surveys contain more figures than the season has unknowns.
-"""
+"""Period of a season in years, and the least number of surveys for a season: the surveys must
+contain more figures than the season has unknowns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
     """A quantity over the surveys of a machine: ``values``, ``u`` and ``u_own`` (the part of u that
-    belongs to a single survey), shapes (surveys, nodes); NaN for a survey without the quantity.
+    differs from survey to survey), shapes (surveys, nodes); NaN for a survey without the quantity.
     """
 
     values: Array
@@ -85,7 +80,6 @@ class Figures:
     u: Array
 
     def widened(self, scatter: float) -> "Figures":
-        """Return the figures with ``scatter`` times u added to the own part of each survey."""
         return (
             self
             if not scatter
@@ -95,18 +89,16 @@ class Figures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calendar:
-    """The surveys of a machine: ``years`` since the first survey, ``broken`` where tables were
-    loaded before the survey, ``named`` where an event is named.
-    """
+    """The surveys of a machine: ``years`` since the first survey, ``broken`` if tables were loaded
+    before the survey, ``named`` if the survey file contains an event."""
 
     years: Array
     broken: Mask
     named: Mask
 
     def of(self, kept: Mask) -> "Calendar":
-        """Return the calendar of some of the surveys. An event before an omitted survey is assigned
-        to the next survey.
-        """
+        """Return the calendar of some of the surveys. An event before an omitted survey moves to
+        the next survey."""
         if kept.all():
             return self
         places = np.flatnonzero(kept)
@@ -124,11 +116,11 @@ class Calendar:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """An accepted course. ``first`` and ``last``: the surveys between which the course began;
-    ``probability``: its share of the evidence.
+    """An accepted course. ``first`` and ``last`` are the surveys between which the course began;
+    ``probability`` is its share of the evidence.
 
-    ``size`` and ``u`` (um, urad or um/m; per year for a line) hold at ``node``, where the course is
-    most significant.
+    ``size`` and ``u`` (um, urad or um/m; per year for a line) are those at ``node``, the node with
+    the most significant size.
     """
 
     kind: Kind
@@ -144,16 +136,14 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Explained:
-    """The evolution of a quantity; ``further`` is the number of further surveys that would decide
-    an undecided quantity, None if no number does.
-    """
+    """The evolution of a quantity. ``further`` is the number of further surveys that would decide
+    an undecided quantity, None if no number decides it."""
 
     verdict: Verdict
     courses: tuple[Course, ...]
     further: int | None = None
 
     def renumbered(self, numbers: Mapping[int, int]) -> "Explained":
-        """Return the evolution with the numbers of its surveys replaced."""
         if not self.courses:
             return self
         return replace(self, courses=tuple(_placed(each, numbers) for each in self.courses))
@@ -161,9 +151,8 @@ class Explained:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Candidates:
-    """The courses that are tried: columns, shape (surveys, courses), with kind, place and logarithm
-    of the prior of each course.
-    """
+    """The courses to test: columns, shape (surveys, courses), with kind, place and logarithm of the
+    prior of each course."""
 
     columns: Array
     kinds: tuple[Kind, ...]
@@ -172,9 +161,8 @@ class _Candidates:
 
 
 def scatter(figures: Sequence[Figures], calendar: Calendar) -> float:
-    """Return the factor by which the surveys of a machine scatter beyond their own uncertainty, 0
-    to `LARGEST_SCATTER`.
-    """
+    """Return the scatter of a machine's surveys beyond their own uncertainty as a factor of u, 0 to
+    `LARGEST_SCATTER`."""
     if not figures:
         return 0.0
     values, own, u = (
@@ -192,10 +180,10 @@ def scatter(figures: Sequence[Figures], calendar: Calendar) -> float:
 
 
 def beyond(steps: Array, expected: Array, whole: Array, independent: int) -> float:
-    """Return the factor by which differences scatter beyond their own standard uncertainty
-    ``expected``; ``whole`` is the complete standard uncertainty of the differences.
+    """Return the scatter of differences beyond their own standard uncertainty ``expected``, as a
+    factor; ``whole`` is their complete standard uncertainty.
 
-    ``independent`` is the number of independent differences: the nodes of one function vary
+    ``independent`` is the number of independent differences, because the nodes of one function vary
     together.
     """
     if min(independent, len(steps)) < ENOUGH:
@@ -212,7 +200,6 @@ def beyond(steps: Array, expected: Array, whole: Array, independent: int) -> flo
 
 
 def explained(figures: Sequence[Figures], calendar: Calendar) -> list[Explained]:
-    """Return the evolution of each quantity of a machine."""
     questions = sum(each.values.shape[1] for each in figures)
     together: dict[bytes, list[int]] = {}
     for number, each in enumerate(figures):
@@ -228,7 +215,6 @@ def explained(figures: Sequence[Figures], calendar: Calendar) -> list[Explained]
 
 
 def _kept(figures: Figures) -> Mask:
-    """Return a mask of the surveys that have a value and an uncertainty of the quantity."""
     finite = np.isfinite(figures.values + figures.u_own)
     kept: Mask = np.all(finite, axis=1)
     return kept
@@ -237,9 +223,6 @@ def _kept(figures: Figures) -> Mask:
 def _explained(
     figures: Sequence[Figures], calendar: Calendar, questions: int
 ) -> Iterator[Explained]:
-    """Yield the evolution of quantities that have the same surveys: all quantities are tested at
-    once, then each quantity with an accepted course separately.
-    """
     kept = _kept(figures[0])
     if np.count_nonzero(kept) < 2:
         yield from (Explained(verdict="undecided", courses=()) for _ in figures)
@@ -276,9 +259,6 @@ def _explained(
 
 
 def _base(days: Calendar) -> Array:
-    """Return the columns common to every model: a level, and a further level from each known break
-    on.
-    """
     count = np.arange(len(days.years))
     return np.column_stack(
         [np.ones(len(count)), *(count >= at for at in np.flatnonzero(days.broken))]
@@ -286,9 +266,8 @@ def _base(days: Calendar) -> Array:
 
 
 def _thresholds(candidates: "_Candidates", days: Calendar, questions: int) -> Array:
-    """Return the gain that an arbitrary course reaches by chance with the probability `ERRS`, over
-    all questions of both rounds together.
-    """
+    """Return the gain that any course reaches by chance with the probability `ERRS`, over all tests
+    of both rounds together."""
     events = int(np.count_nonzero(days.named[1:]))
     first = np.array(
         [
@@ -309,9 +288,8 @@ def _thresholds(candidates: "_Candidates", days: Calendar, questions: int) -> Ar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Gains:
-    """The gain of each course (the decrease of chi-squared), its size and the standard uncertainty
-    of the size, shapes (courses, nodes).
-    """
+    """The gain of each course (the decrease of chi-squared), its size, and the standard uncertainty
+    of the size, shapes (courses, nodes)."""
 
     gain: Array
     size: Array
@@ -323,10 +301,6 @@ class _Gains:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Taken:
-    """An accepted course: its number among the candidates, its probability, and the surveys between
-    which it began.
-    """
-
     number: int
     probability: float
     first: int
@@ -335,8 +309,6 @@ class _Taken:
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """The search for the courses of one quantity."""
-
     values: Array
     weights: Array
     days: Calendar
@@ -345,9 +317,8 @@ class _Search:
     questions: int
 
     def courses(self, gains: _Gains, surveys: NDArray[np.int64]) -> tuple[Course, ...]:
-        """Return the accepted courses. ``gains`` are relative to a model with the known breaks
-        alone; ``surveys`` are the numbers of the kept surveys among all surveys.
-        """
+        """Return the accepted courses. ``gains`` are relative to a model with only the known
+        breaks; ``surveys`` are the numbers of the used surveys among all surveys."""
         taken: list[_Taken] = []
         while len(taken) < MOST_COURSES and (following := self._next(gains)) is not None:
             taken.append(following)
@@ -370,9 +341,6 @@ class _Search:
         return self.candidates.columns[:, number : number + width]
 
     def _next(self, gains: _Gains) -> _Taken | None:
-        """Return the course that explains most of the remaining differences, None if chance
-        explains them.
-        """
         best = gains.gain.max(axis=1, initial=0.0)
         evidence = np.where(best > self.limits, best / 2 + self.candidates.log_prior, -np.inf)
         if not np.any(np.isfinite(evidence)):
@@ -395,9 +363,6 @@ class _Search:
         return _Taken(number=number, probability=float(alike.sum()), first=first, last=last)
 
     def _since(self, number: int, alike: Array) -> tuple[int, int]:
-        """Return the surveys between which the course began: the steps in this interval have the
-        share `HELD` of the evidence.
-        """
         if self.candidates.kinds[number] != "step":
             return 0, len(self.values) - 1
         order = np.argsort(-alike)
@@ -406,9 +371,6 @@ class _Search:
         return int(places.min()) - 1, int(places.max())
 
     def _sized(self, taken: Sequence[_Taken]) -> Iterator[Course]:
-        """Yield the accepted courses with sizes fitted together; also the effect of loaded tables,
-        if it is more than chance.
-        """
         breaks = np.flatnonzero(self.days.broken).tolist()
         sizes, u = _sized(self.values, self.weights, self._design(taken))
         limit = NormalDist().inv_cdf(1 - ERRS / 2 / max(len(breaks), 1) / self.questions)
@@ -465,10 +427,10 @@ def _hidden(u: Array, weights: Array, candidates: _Candidates, gains: _Gains) ->
 
 
 def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
-    """Return the nodes at which a single survey may be off by `DENIABLE` U, shape (nodes,): no step
-    shows a change that was reversed before the next survey.
+    """Return the nodes at which a single survey can be off by `DENIABLE` U, shape (nodes,): a step
+    does not show a change that was reversed before the next survey.
 
-    The first and the last survey after a known break may be off because of a step.
+    The first and the last survey after a known break can be off because of a step.
     """
     found: Mask = np.zeros(values.shape[1], dtype=bool)
     for level in _base_levels(days):
@@ -499,9 +461,6 @@ def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
 
 
 def _unchanged(hidden: Mask, lone: Mask, search: _Search, gains: _Gains) -> Explained:
-    """Return "unchanged" where no change can have stayed unnoticed; otherwise the number of further
-    surveys that would decide. No further survey decides about an earlier single survey.
-    """
     if np.any(lone):
         return Explained(verdict="undecided", courses=())
     if not np.any(hidden):
@@ -529,12 +488,10 @@ def _unchanged(hidden: Mask, lone: Mask, search: _Search, gains: _Gains) -> Expl
 
 
 def _standing_out(sizes: Array, u: Array) -> int:
-    """Return the node at which a size is largest relative to its uncertainty."""
     return int(np.argmax(np.divide(np.abs(sizes), u, out=np.zeros(len(u)), where=u > 0)))
 
 
 def _placed(course: Course, numbers: Mapping[int, int] | NDArray[np.int64]) -> Course:
-    """Return a course with the numbers of its surveys replaced."""
     return replace(
         course,
         at=int(numbers[course.at]),
@@ -544,9 +501,6 @@ def _placed(course: Course, numbers: Mapping[int, int] | NDArray[np.int64]) -> C
 
 
 def _surveys_to_decide(size: float, own: Array, at: int, questions: int) -> int | None:
-    """Return the number of further surveys after which a step of this size is detected, None for
-    more than ten.
-    """
     limit = NormalDist().inv_cdf(1 - ERRS / 2 / (questions * len(own)))
     before = np.sum(own[:at] ** -2.0)
     for more in range(1, 11):
@@ -557,9 +511,8 @@ def _surveys_to_decide(size: float, own: Array, at: int, questions: int) -> int 
 
 
 def _candidates(calendar: Calendar) -> _Candidates:
-    """Return the courses that can be found in a number of surveys: steps from two surveys on, a
-    line from four, run-ins and seasons from six.
-    """
+    """Return the courses to test for a number of surveys: steps from two surveys on, a line from
+    four, run-ins and seasons from six."""
     years, count = calendar.years, len(calendar.years)
     kinds: list[Kind] = []
     columns: list[Array] = []
@@ -599,16 +552,15 @@ def _candidates(calendar: Calendar) -> _Candidates:
 
 
 def waves_of(years: Array) -> tuple[Array, Array]:
-    """Return the two columns of a season, sine and cosine, shape (surveys,) each."""
+    """Return the sine and the cosine column of a season, shape (surveys,) each."""
     return np.sin(2 * np.pi * years / SEASON_YEARS), np.cos(2 * np.pi * years / SEASON_YEARS)
 
 
 def _gains_beside_levels(
     values: Array, weights: Array, days: Calendar, candidates: _Candidates
 ) -> _Gains:
-    """Return the gains of each course relative to a model of levels between known breaks. The gains
-    are computed from sums, because a machine has thousands of courses.
-    """
+    """Return the gains of each course relative to a model of levels between known breaks, computed
+    from sums because a machine has thousands of courses."""
     columns = candidates.columns
     pair = candidates.kinds.index("season") if "season" in candidates.kinds else None
     rest, norm = values.copy(), (columns**2).T @ weights
@@ -641,15 +593,11 @@ def _gains_beside_levels(
 
 
 def _base_levels(days: Calendar) -> list[slice]:
-    """Return the stretches of surveys between known breaks."""
     edges = [0, *np.flatnonzero(days.broken).tolist(), len(days.years)]
     return [slice(begin, end) for begin, end in pairwise(edges)]
 
 
 def _gained(along: Array, norm: Array, total: Array) -> _Gains:
-    """Return the gains of columns from their products with the remainder and with themselves; a
-    column that is a combination of the base columns has no gain.
-    """
     usable = norm > TOO_ALIKE * total
     size, squared = (
         np.divide(one, norm, out=np.zeros_like(norm), where=usable)
@@ -659,9 +607,6 @@ def _gained(along: Array, norm: Array, total: Array) -> _Gains:
 
 
 def _gains(values: Array, weights: Array, base: Array, candidates: _Candidates) -> _Gains:
-    """Return the gains of each course relative to the columns of ``base``; zero for a course that
-    is a combination of these columns.
-    """
     root = np.sqrt(weights).T[:, :, None]
     q, _ = np.linalg.qr(base * root)
     rest = values.T[:, :, None] * root
@@ -688,8 +633,7 @@ def _together(pair: Array, rest: Array) -> Array:
 
 def fit(values: Array, weights: Array, design: Array) -> tuple[Array, Array]:
     """Return the amounts of the columns of a design at every node, shape (columns, nodes), and
-    their covariances, one matrix per node.
-    """
+    their covariances, one matrix per node."""
     normal = np.einsum("ti,tn,tj->nij", design, weights, design)
     covariance: Array = np.linalg.pinv(normal, hermitian=True)
     amounts: Array = np.einsum("nij,tj,tn->in", covariance, design, weights * values)
@@ -697,7 +641,7 @@ def fit(values: Array, weights: Array, design: Array) -> tuple[Array, Array]:
 
 
 def _sized(values: Array, weights: Array, design: Array) -> tuple[Array, Array]:
-    """Return the amounts of the columns of a design at every node, and their standard
-    uncertainties, shapes (columns, nodes)."""
+    """Return the amounts of the columns of a design at every node and their standard uncertainties,
+    shapes (columns, nodes)."""
     amounts, covariance = fit(values, weights, design)
     return amounts, np.sqrt(np.einsum("nii->in", covariance))

@@ -1,4 +1,4 @@
-"""Comparisons as tables for a terminal."""
+"""Comparisons of results as tables for a terminal."""
 
 from collections.abc import Sequence
 
@@ -13,20 +13,18 @@ from stepdiag.terminal.viewer import empty_table, shown
 from stepdiag.texts.texts import UNITS
 
 WHICH = ("machine", "machine_serial", "survey", "begun")
-"""Members of a result's ``survey`` by which results are distinguished; a result from readings of
-another program may state only some of them.
-"""
+"""Members of a result's ``survey`` that distinguish results; results from readings of another
+program can lack some of them."""
 
 
 def which(result: Result) -> dict[str, str]:
-    """Return a text about the survey of a result: machine, serial number, survey and its beginning,
-    as far as stated.
-    """
+    """Return a text with machine, serial number, name and beginning of the survey of a result, as
+    far as known."""
     return {name: value for name in WHICH if (value := getattr(result.survey, name, ""))}
 
 
 def sources(results: Sequence[Result]) -> Text:
-    """Return a line per result: its file, and its survey."""
+    """Return one line per result: its file and its survey."""
     of = [
         ", ".join(which(one).values()) or shown(message("neither-machine-nor-time"))
         for one in results
@@ -40,9 +38,8 @@ def sources(results: Sequence[Result]) -> Text:
 
 
 def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
-    """Return a row per quantity: both values, the difference, its expanded uncertainty, and whether
-    the difference exceeds it.
-    """
+    """Return one row per quantity: both values, their difference with its U, and whether the
+    difference exceeds U."""
     table = empty_table(message("table-changes"))
     table.title = Text(f"{before} -> {after}")
     for change in comparison.changes:
@@ -64,9 +61,7 @@ def _shown(value: float | None, decimals: int = 2) -> str:
 
 
 def trend_table(trends: Sequence[Trend], names: Sequence[str]) -> Table:
-    """Return a row per quantity with a column per result: the values with their expanded
-    uncertainty.
-    """
+    """Return one row per quantity and one column per result: the values with their U."""
     table = empty_table(message("table-trends"))
     for name in names:
         table.add_column(Text(name), justify="right")

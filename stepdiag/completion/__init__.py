@@ -1,6 +1,6 @@
-"""The end of a survey: its logs replayed, solved and exported; and the weaknesses of its plan,
-known before the drive.
+"""The completion of a survey: its logs are replayed, solved and exported; also the weaknesses of
+its plan.
 
-In: logs, or a survey file. Out: result, files and the verdict. Combines daq, solver and exporters;
-daemon, report, head, checking, fleet and cli import this package.
+The package combines daq, solver and exporters; daemon, report, head, checking, fleet and cli import
+it.
 """

@@ -1,6 +1,4 @@
-"""The next passes of a running survey, from its logs; and a further setup, written into the survey
-file.
-"""
+"""The next passes of a running survey, and the addition of a setup to the survey file."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -36,7 +34,7 @@ def look_ahead(file: Path) -> tuple[Survey, Path | None, Sequel]:
     """Return a survey, the folder of the present round (None before the first round), and the runs
     to drive next.
 
-    Raises the errors of `load_survey`, and DataError where the logs belong to another survey file.
+    Raises the errors of `load_survey`, and DataError for logs of another survey file.
     """
     survey = load_survey(file)
     rounds = round_folders(survey.folder(file))
@@ -77,9 +75,10 @@ def known_before(
     file: Path, survey: Survey, about: Circumstances
 ) -> tuple[Circumstances, Path | None]:
     """Return the circumstances of a survey, with the assumed sizes that the last finished survey of
-    this machine found, and the folder of that survey if it determined the angles. The last survey
-    is searched in the neighbouring folders and in the store. Raises UsageError for a store that
-    does not exist.
+    this machine found, and the folder of that survey if it determined the angles.
+
+    The last survey is searched in the neighbouring folders and in the store. Raises UsageError for
+    a store that does not exist.
     """
     found = dict[tuple[str, Path], tuple[Result, Readings]]()
     for path in (*survey.folder(file).parent.glob(f"*/*/{RESULT}"), *_archived(file, survey)):
@@ -119,7 +118,6 @@ def _archived(file: Path, survey: Survey) -> Iterable[Path]:
 
 
 def in_words(ahead: Sequel, survey: Survey) -> AheadStatus:
-    """Return the setup to drive next, in words."""
     planned = survey.plan.all_setups
     first = next(iter(ahead.runs), None)
     if first is None or (ahead.end and first.setup not in planned):
@@ -169,10 +167,9 @@ def _line_words(run: Run) -> Words:
 
 
 def take(file: Path, survey: Survey, ahead: Sequel) -> Run:
-    """Add the next setup to the survey file, if the plan does not contain the setup; return the
-    setup.
+    """Add the next setup to the survey file unless the plan contains it; return the setup.
 
-    Raises UsageError if no further setup is worth driving, or the file cannot hold it.
+    Raises UsageError if no further setup is recommended, or the file cannot contain it.
     """
     run = next(iter(() if ahead.end else ahead.runs), None)
     if run is None or run.setup in survey.plan.all_setups:
@@ -187,7 +184,6 @@ def take(file: Path, survey: Survey, ahead: Sequel) -> Run:
 
 
 def _with(plan: PlanSection, run: Run) -> PlanSection:
-    """Return the text of a section of the plan, with a further setup."""
     setup = run.travel
     if not setup.shift:
         return msgspec.structs.replace(plan, setups=(*plan.setups, run.setup))

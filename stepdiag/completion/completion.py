@@ -1,7 +1,7 @@
 """The completion of a survey, live or replayed: readings, result, controller files.
 
-Runs in a separate process. The logs contain all its input, the date of the export included, so that
-a replay writes the same bytes.
+The completion runs in a separate process. All its input, including the date of the export, is in
+the logs, so a replay writes the same bytes.
 """
 
 import shlex
@@ -62,9 +62,9 @@ from stepdiag.solver.model.angles import Angles, parse_angles
 @dataclass(frozen=True, slots=True)
 class Completed:
     """The outcome of a survey: the folder of the files, the result, the exports, and the reasons of
-    refused exports by controller.
+    refused exports by control.
 
-    ``recorded`` is the folder of its logs: a replay writes elsewhere and uses the same logs.
+    ``recorded`` is the folder of the logs; a replay writes into another folder.
     """
 
     folder: Path
@@ -73,20 +73,20 @@ class Completed:
     exports: tuple[ExportReport, ...]
     refusals: dict[str, Words]
     language: Literal["en", "de"] = "en"
-    """The language of the files that people read."""
+    """Language of the files for people."""
 
 
 def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) -> Completed:
     """Solve a survey from its logs and write readings, result and exports into ``out``, each file
-    complete or not at all.
+    completely or not at all.
 
     ``survey_file`` replaces an unusable survey file in the logs.
 
-    Raises DataError for missing passes, for an unsolvable survey, and for an open doubt. After an
-    open doubt, ``judged.jsonl`` holds the reason, and only the readings are written; later readings
-    may replace them. A file of a complete survey is never replaced. A refused export affects
-    neither the other exports nor the result: the reason of the refusal is written to
-    ``exports/<controller>/REFUSED.txt``.
+    Raises DataError for missing passes, for a survey without a solution, and for an open doubt.
+    With an open doubt, only ``judged.jsonl`` (the reason) and the readings are written, and later
+    readings replace them. A file of a complete survey is never replaced. The reason of a refused
+    export is written to ``exports/<controller>/REFUSED.txt``; the other exports and the result are
+    written.
     """
     replayed = leave_readings(paths, out, survey_file)
     try:
@@ -112,10 +112,10 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
 def leave_readings(
     paths: Sequence[Path], out: Path, survey_file: Path | None = None
 ) -> Replayed:
-    """Write the readings of logs into ``out``, also readings with doubts; return the logs, with the
-    later verdicts on them.
+    """Write the readings of logs into ``out``, including readings with doubts; return the logs with
+    the later verdicts about them.
 
-    ``survey_file`` as in `complete`. Raises DataError where passes are missing.
+    ``survey_file`` as in `complete`. Raises DataError for missing passes.
     """
     replayed = replay_judged(paths, survey_file)
     _require_all(replayed)
@@ -125,9 +125,8 @@ def leave_readings(
 
 
 def replay_judged(paths: Sequence[Path], survey_file: Path | None = None) -> Replayed:
-    """Return logs with the verdicts of persons and of the solver from the files beside them. Raises
-    the errors of `find_logs` and `replay`; `replay` explains ``survey_file``.
-    """
+    """Return logs with the verdicts of persons and of the solver from the files beside them.
+    ``survey_file`` as in `complete`. Raises the errors of `find_logs` and `replay`."""
     logs = find_logs(paths)
     verdicts = verdicts_in(logs[0].parent)
     replayed = replay_corrected(logs, survey_file, verdicts.suspicions)
@@ -140,12 +139,12 @@ def solve_logs(
     method: str | None = None,
     environment: Mapping[str, float] | None = None,
 ) -> tuple[Result, str]:
-    """Return the result of replayed logs and its readings as CSV. Raises DataError that names every
+    """Return the result of replayed logs, and its readings as CSV. Raises DataError with every
     missing pass.
 
-    The 4-DOF head's runs enter the method `estimate`; the closed forms use only the diagonals.
-    ``environment`` holds conditions (by their names in the survey file) that replace the recorded
-    conditions.
+    The runs of the 4-DOF head are used by the method `estimate`; the closed forms use only the
+    diagonals. ``environment`` contains conditions, by their names in the survey file, that replace
+    recorded conditions.
     """
     _require_all(replayed)
     survey = replayed.survey
@@ -207,9 +206,7 @@ def solve_logs(
 def readings_of(
     replayed: Replayed, environment: Mapping[str, float] | None = None
 ) -> Readings:
-    """Return the readings of replayed logs; ``environment`` holds conditions that replace the
-    recorded conditions.
-    """
+    """Return the readings of replayed logs; ``environment`` as in `solve_logs`."""
     return tabulate(replayed.survey, replayed.book.passes, environment or {})
 
 
@@ -218,16 +215,12 @@ def _folder(replayed: Replayed) -> Path:
 
 
 def _write_readings(out: Path, text: str) -> None:
-    """Write the readings; as long as a survey is open, later readings may replace them."""
     files, solved = hashed({out / READINGS: text}), (out / RESULT).exists()
     if solved or not all(holds(path, data) for path, data in files.items()):
         write_together(files, over=not solved)
 
 
 def _require_settled(replayed: Replayed, out: Path) -> None:
-    """Raise DataError if a doubt of the replayed survey is still open, after writing the doubts
-    into ``judged.jsonl``.
-    """
     still = replayed.book.doubts()
     if not still:
         return
@@ -257,9 +250,6 @@ def _require_settled(replayed: Replayed, out: Path) -> None:
 
 
 def _facts(replayed: Replayed) -> Facts:
-    """Return operator, object, time and instruments of the measurement, from the survey file and
-    the logs.
-    """
     survey, run = replayed.survey, replayed.run
     identity = survey.identity
     begun, ended = (
@@ -287,10 +277,10 @@ def _facts(replayed: Replayed) -> Facts:
 def _conditions(
     replayed: Replayed, environment: Mapping[str, float], unmeasured: Sequence[Held]
 ) -> Conditions:
-    """Return the least and the largest value of each sensor over the stops used, and the conditions
+    """Return the least and the largest value of each sensor over the used stops, and the conditions
     without a sensor.
 
-    A value of ``environment`` replaces the value of a sensor; an ``unmeasured`` condition has the
+    A value in ``environment`` replaces the values of a sensor. An ``unmeasured`` condition has the
     value of the survey file.
     """
     stops = [stop for each in replayed.book.passes for stop in each.chosen().values()]
@@ -307,9 +297,7 @@ def _conditions(
 
 
 def head_of_logs(replayed: Replayed) -> HeadMeasured:
-    """Return the results of the 4-DOF head's runs in replayed logs, with or without the other
-    setups.
-    """
+    """Return the results of the 4-DOF head's runs in replayed logs."""
     return evaluate_head(
         replayed.survey, replayed.book.passes, replayed.files, _angles(replayed) or {}
     )
@@ -321,7 +309,6 @@ def survey_date(replayed: Replayed) -> date:
 
 
 def _require_all(replayed: Replayed) -> None:
-    """Raise DataError where a stop of the plan is missing; a doubted stop counts as present."""
     book = replayed.book
     whole = {(each.route.setup, each.number) for each in book.passes if each.whole}
     open_passes = {
@@ -364,9 +351,6 @@ def _angles(replayed: Replayed) -> Angles | None:
 
 
 def _text(replayed: Replayed, name: str) -> str:
-    """Return a file that the survey names, from the log. Raises DataError where the file is
-    missing, or not UTF-8.
-    """
     data = replayed.files.get(name)
     if data is None:
         raise DataError(name, expected=message("named-in-log"), found=message("nothing"))

@@ -1,6 +1,5 @@
-"""Two setups that were driven in each other's place (`solver.adjustment.exchanged`): the line of
-the survey file to correct.
-"""
+"""Two setups that were driven in each other's place (`solver.adjustment.exchanged`): the wrong line
+of the survey file."""
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Place, message
@@ -8,9 +7,10 @@ from stepdiag.daq.survey.models import Survey
 
 
 def with_line(survey: Survey, found: Finding) -> Finding:
-    """Return the finding of exchanged diagonals with the line to correct and its new value. The
-    finding is placed at the first pass of the first diagonal, where a person can accept it. Any
-    other finding is returned unchanged.
+    """Return a finding of exchanged diagonals with the wrong line of the survey file and its new
+    value; any other finding unchanged.
+
+    The place of the finding is the first pass of the first diagonal, where a person can accept it.
     """
     if found.message is None or found.message.key != "step-mismatch.names":
         return found

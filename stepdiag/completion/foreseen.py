@@ -1,4 +1,4 @@
-"""Weaknesses of a survey that follow from its plan, before any measurement."""
+"""Weaknesses of a survey that its plan shows before the drive."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,13 +18,12 @@ from stepdiag.solver.planning.information import Zone
 from stepdiag.solver.planning.planner import forecast
 
 LINUXCNC = "linuxcnc"
-"""The control whose kinematics option takes a lattice."""
+"""The control with a kinematics option that uses a lattice."""
 
 
 def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
-    """Return the circumstances of a survey as far as the survey file states them, and the profiles
-    of its controls in ``folder``.
-    """
+    """Return the circumstances of a survey from the survey file and from the profiles in
+    ``folder``."""
     turns = _turns(survey.head)
     controls = [
         CONTROLLERS[each.controller]
@@ -62,9 +61,6 @@ def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
 
 
 def _turns(head: Head | None) -> tuple[str, ...]:
-    """Return the angular functions that an existing or possible instrument measures: a head with
-    only a quadrant detector measures no angles.
-    """
     if head is not None and head.format == "tqd":
         return ()
     if head is None or not head.angular:
@@ -75,9 +71,6 @@ def _turns(head: Head | None) -> tuple[str, ...]:
 
 
 def _zone(survey: Survey, folder: Path) -> Zone | None:
-    """Return the part of the volume where the tables of the first control must fit best; None where
-    the profile does not state this part, or is not filled in.
-    """
     if not survey.exports or survey.exports[0].controller not in CONTROLLERS:
         return None
     first = survey.exports[0]
@@ -96,10 +89,9 @@ def _zone(survey: Survey, folder: Path) -> Zone | None:
 
 
 def hidden_slip(survey: Survey) -> Iterator[Finding]:
-    """Yield the size of a slip of the count that may stay unnoticed, if each setup is driven once
-    and compared with no other.
+    """Yield the size of a slip of the count that can stay undetected if each setup is driven once.
 
-    Passes that are driven out and back, or repeated, show a slip without other setups.
+    Passes out and back, or repeated passes, show a slip without other setups.
     """
     plan = survey.plan
     if plan.passes_per_setup > 1 or not any(name in BODY_DIAGONALS for name in plan.setups):
@@ -112,8 +104,8 @@ def hidden_waves(survey: Survey) -> Iterator[Finding]:
     """Yield the axes whose targets do not show waves of the screw's pitch, and the next number of
     increments that shows them.
 
-    Yields nothing where the survey file states no pitch, for linear scales, and along axes whose
-    runs have separate targets.
+    Yields nothing for a survey file without a pitch, for linear scales, and for runs with irregular
+    targets.
     """
     pitch_mm, volume = survey.uncertainty.pitch_mm, survey.volume
     if pitch_mm is None or survey.uncertainty.feedback != "screw":

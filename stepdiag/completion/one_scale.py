@@ -1,12 +1,11 @@
-"""An equal scale on every axis: caused by a wrong statement about air, wavelength or expansion, or
-by a machine with this scale on all axes.
+"""An equal scale of all axes: its cause is a wrong entry about air, wavelength or expansion, or a
+machine with this scale.
 
-A wrong statement lengthens all axes equally, by a known amount. The scales of a machine have a
-common part (a warm screw, a scale of glass) and a part per axis; a machine rarely has three axes
-that are all too long by 270 µm/m. The program compares the likelihood of the scales as found with
-their likelihood less the effect of each wrong statement; the odds against a wrong statement are the
-prior. If both explanations fit equally well, the scales cannot separate them: the finding then
-names both explanations, and the reading of the laser that decides.
+A wrong entry lengthens all axes equally by a known amount. The scales of a machine have a common
+part (a warm screw, a glass scale) and a part per axis; three axes that are all too long by 270 µm/m
+are rare. The program compares the likelihood of the measured scales with their likelihood less the
+effect of each wrong entry; the odds against a wrong entry are the prior. If the scales cannot
+separate both explanations, the finding contains both, and the reading of the laser that decides.
 """
 
 from collections.abc import Iterator
@@ -24,24 +23,22 @@ from stepdiag.daq.capture.cause.likelihood import CAUSE, Change
 from stepdiag.daq.survey.models import Survey
 
 TOGETHER_UM_M, TOGETHER_AT_20_C_UM_M, EACH_UM_M = 60.0, 25.0, 30.0
-"""Standard deviations in um/m: of the common scale of a machine's axes (caused by 5 K on steel, or
-left after a correction to 20 C), and of the separate scale of each axis.
-"""
+"""Standard deviations in um/m: of the common scale of a machine's axes (5 K on steel, or the
+remainder after a correction to 20 C), and of the separate scale of each axis."""
 HENE_NM = 632.991
 ALIKE = 3.0
-"""Logarithm of the odds from which a machine with this common scale is the better explanation: a
-wrong statement is then less likely than one in twenty.
-"""
+"""Logarithm of the odds above which a machine with this common scale is the better explanation: the
+probability of a wrong entry is then below one in twenty."""
 TWICE = 5.0
 """Logarithm of the odds against an expansion that is removed twice. It is smaller than for other
-wrong lines, because displays with a material sensor remove the expansion by default.
-"""
+wrong entries, because displays with a material sensor remove the expansion by default."""
 
 
 def one_scale(survey: Survey, result: Result) -> list[Finding]:
-    """Return the error that names a statement about air, wavelength or expansion that explains, or
-    may explain, the equal scales. The list is empty if no statement explains them, or if a single
-    axis is measured. The error stands at the first linear run, the place for its acceptance.
+    """Return the error about the entry on air, wavelength or expansion that explains, or can
+    explain, the equal scales; empty without such an entry or with a single measured axis.
+
+    The place of the error is the first linear run, where a person can accept it.
     """
     scales = {axis: scale for axis, scale in result.scale.items() if scale.value is not None}
     if len(scales) < 2:
@@ -84,10 +81,9 @@ def one_scale(survey: Survey, result: Result) -> list[Finding]:
 
 @dataclass(frozen=True, slots=True)
 class _Statement:
-    """A statement of the survey file that may be wrong: the lengthening of all axes in µm/m if it
-    is wrong, the line to change with its new value, and the reading that shows whether it is wrong.
-    ``odds`` is the logarithm of the odds against this error.
-    """
+    """An entry of the survey file that can be wrong: the lengthening of all axes in µm/m if it is
+    wrong, the line with its new value, and the reading that shows the fault. ``odds`` is the
+    logarithm of the odds against this fault."""
 
     effect_um_m: float
     what: Message
@@ -97,9 +93,6 @@ class _Statement:
 
 
 def _statements(survey: Survey, result: Result) -> Iterator[_Statement]:
-    """Yield every statement of the survey file that, if wrong, changes the length of all axes by
-    the same ratio.
-    """
     laser, stated = survey.laser, survey.environment
     air = Air(
         temperature_c=np.array(stated.air_temperature_c),

@@ -1,4 +1,4 @@
-"""The proof run as a separate survey: its file, and its verdict after its last pass."""
+"""The proof run as a separate survey: its survey file, and its verdict after the last pass."""
 
 import hashlib
 import os
@@ -47,8 +47,7 @@ _STATES: Mapping[Code | None, Message] = {
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProofFiles:
     """Paths for the plan of a proof run: the survey file, the folders of the result and of the
-    export, and the profile.
-    """
+    export, and the profile."""
 
     survey: Path
     round: Path
@@ -57,19 +56,15 @@ class ProofFiles:
     controller: str
 
     def beside(self, path: Path) -> str:
-        """Return a path relative to the folder of the survey file, in the form for the
-        survey file.
-        """
+        """Return a path relative to the folder of the survey file."""
         return PurePath(os.path.relpath(path, self.survey.parent)).as_posix()
 
 
 def planned(
     given: ProofFiles, acting: Sequence[Path], minutes: float
 ) -> tuple[ProofPlan, str]:
-    """Return the plan of a proof run for the files ``acting`` in the control, and its survey file.
-
-    Raises the errors of `loaded_in` and `plan_proof`.
-    """
+    """Return the plan of a proof run for the active files ``acting``, and its survey file. Raises
+    the errors of `loaded_in` and `plan_proof`."""
     text = read_text(given.survey)
     survey = parse_survey(text, given.survey.name)
     proof = Section(
@@ -108,9 +103,7 @@ def planned(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loaded:
-    """The basis of a proof run, as its survey file names it: the earlier survey's result and
-    readings, and the loaded files.
-    """
+    """The basis of a proof run: the earlier survey's result and readings, and the loaded files."""
 
     result: Result
     readings: Readings
@@ -119,9 +112,8 @@ class Loaded:
     files: tuple[ControlFile, ...]
 
     def tables(self) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
-        """Return the tables that are active now, and the tables that were active during the survey;
-        a lattice is represented by its curves and products.
-        """
+        """Return the tables that are active now, and the tables that were active during the earlier
+        survey. A lattice is represented by its curves and products."""
         if len(self.files) == 1 and lattice.recognises(self.files[0]):
             on = self.profile.machine.measured_with == "on"
             return self._parts(self.files), self._parts(self.profile.existing if on else ())
@@ -137,8 +129,8 @@ class Loaded:
 
 
 def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
-    """Return the basis of the proof run of a survey file, from the ``files`` that the survey file
-    names; None for any other survey.
+    """Return the basis of a proof run from the ``files`` that its survey file contains; None for
+    any other survey.
 
     Raises DataError or UsageError for a damaged file.
     """
@@ -172,9 +164,8 @@ def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
 
 
 def proof_of(survey: Survey, files: Mapping[str, bytes], readings: Readings) -> Proof | None:
-    """Return the verdict on a proof run from its readings; None for any other survey. Raises the
-    errors of `loaded_in`.
-    """
+    """Return the verdict about a proof run from its readings; None for any other survey. Raises the
+    errors of `loaded_in`."""
     held = loaded_in(survey, files)
     return (
         None if held is None else prove(held.result, held.readings, readings, *held.tables())
@@ -184,9 +175,8 @@ def proof_of(survey: Survey, files: Mapping[str, bytes], readings: Readings) -> 
 def proof_findings(
     survey: Survey, files: Mapping[str, bytes], readings: Readings
 ) -> Iterator[Finding]:
-    """Yield the finding with the verdict on a proof run; nothing for any other survey. Raises the
-    errors of `loaded_in`.
-    """
+    """Yield the finding with the verdict about a proof run; nothing for any other survey. Raises
+    the errors of `loaded_in`."""
     found = proof_of(survey, files, readings)
     if found is not None:
         severity: Mapping[str, Severity] = {
@@ -198,7 +188,7 @@ def proof_findings(
 
 
 def action_words(proof: Proof) -> Message:
-    """Return the finding with the verdict on a proof run and the action after it."""
+    """Return the finding with the verdict about a proof run and the next action."""
     wrong, undecided = (
         [words_of(each) for each in proof.tables if each.state == state]
         for state in ("wrong", "undecided")
@@ -220,7 +210,7 @@ def action_words(proof: Proof) -> Message:
 
 
 def words_of(each: Proved) -> Message:
-    """Return a message with the verdict on the tables of one function."""
+    """Return the message with the verdict about the tables of one function."""
     return message(
         "proof-table",
         name=each.function,
@@ -233,9 +223,8 @@ def words_of(each: Proved) -> Message:
 def sign_records(
     held: Loaded, proof: Proof, runs: bytes, day: date
 ) -> Iterator[SignTestRecord]:
-    """Yield, for each kind of table, the sense that a proof run showed, in the form of a profile;
-    nothing if the tables do not stay loaded.
-    """
+    """Yield, for each kind of table, the sign that a proof run showed, as an entry of a profile;
+    nothing if the tables must be removed."""
     if proof.action != "keep":
         return
     about, senses = (

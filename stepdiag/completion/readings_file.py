@@ -1,6 +1,5 @@
-"""A readings file that is solved together with other files; the result names every file by its
-SHA-256.
-"""
+"""A readings file that is solved together with other files; the result contains the SHA-256 of
+every file."""
 
 import hashlib
 from collections.abc import Callable
@@ -20,9 +19,8 @@ from stepdiag.solver.model.straightness_file import parse_straightness
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beside:
-    """The files with which a readings file is solved; ``add`` adds the runs from files of other
-    programs, which ``runs`` names.
-    """
+    """The files with which a readings file is solved. ``add`` adds runs from files of other
+    programs; ``runs`` contains their names."""
 
     angles: Path | None = None
     straightness: Path | None = None
@@ -33,7 +31,7 @@ class Beside:
 
 
 def source_of(role: str, path: Path) -> Source:
-    """Return a file with its SHA-256. Raises UsageError where it cannot be read."""
+    """Return a file with its SHA-256. Raises UsageError for an unreadable file."""
     return Source(
         role=role, name=path.name, sha256=hashlib.sha256(read_bytes(path)).hexdigest()
     )
@@ -43,8 +41,7 @@ def solve_readings_file(
     path: Path, beside: Beside, *, method: str, chain: str, monte_carlo: int = 0
 ) -> Result:
     """Return the result of a readings file. Raises the UsageError and DataError of `solve` and of
-    the files' parsers.
-    """
+    the parsers."""
     given = {
         "angles": beside.angles,
         "straightness": beside.straightness,

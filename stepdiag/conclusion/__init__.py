@@ -1,9 +1,9 @@
-"""The result of a survey in a few sentences: errors, unknowns, effect of compensation, files to
+"""The conclusion of a survey in a few sentences: errors, unknowns, effect of compensation, files to
 load, next step.
 
-In: a result, and its exports. Out: a `Conclusion`, shown by page, report, `status` and terminal,
-and stored beside the result as ``conclusion.json``. This package computes no uncertainty: all
-figures come from result and prediction. `report`, `page`, `daemon` and `cli` import it.
+Page, report, `status` and terminal show the conclusion, and ``conclusion.json`` contains it. All
+uncertainties come from result and prediction. `report`, `page`, `daemon` and `cli` import this
+package.
 """
 
 from stepdiag.conclusion.concluding import (

@@ -33,7 +33,7 @@ AIR = {
     "air_pressure_hpa": ("p", "hPa"),
     "relative_humidity_percent": ("RH", "%"),
 }
-"""Conditions of the air, each with a letter and a unit that are the same in all languages."""
+"""Conditions of the air, each with a letter and a unit that are equal in all languages."""
 KNOBS = {
     BETWEEN_TARGETS: "between",
     **dict.fromkeys((READINGS, "bends"), "readings"),
@@ -45,18 +45,17 @@ KNOBS = {
     **dict.fromkeys(("setup scale", "scale of one setup", "growth"), "setups"),
     **dict.fromkeys(("material temperature", "air"), "lengths"),
 }
-"""Sources of the uncertainty budget, each with the measure that makes its share smaller."""
+"""Sources of the uncertainty budget, each with the measure that reduces its share."""
 LEAST_SHARE = 0.1
-"""Share of the largest error below which an error is not named in the conclusion."""
+"""Share of the largest error below which the conclusion leaves an error out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Export:
-    """The outcome of an export. ``refused`` is the reason for missing files, ``untested`` names the
+    """The outcome of an export. ``refused`` is the reason of a refusal. ``untested`` contains the
     kinds of tables with an untested sign. ``harmed`` describes the stretches in which the files
-    would increase the machine's error. ``unproven`` files need a proof run before their predicted
-    effect is certain.
-    """
+    would increase the error. ``unproven`` files need a proof run before their predicted effect is
+    certain."""
 
     controller: str
     refused: Words = ""
@@ -68,16 +67,13 @@ class Export:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conclusion:
-    """The conclusion of a result. ``wrong`` holds the errors of the machine with their
-    contributions, the largest first; the other fields hold sentences in the order of reading.
-    """
+    """The conclusion of a result. ``wrong`` contains the errors of the machine with their
+    contributions, the largest first. The other fields contain sentences in the order of reading."""
 
     wrong: tuple[tuple[Contribution, Sentence], ...]
     unknown: tuple[Sentence, ...]
     reach: Reach | None
-    """The predicted volumetric error; None where an axis did not travel, so that no volume was
-    measured.
-    """
+    """The predicted volumetric error; None for a survey of less than three axes."""
     reached: tuple[Sentence, ...]
     verdict: tuple[Sentence, ...]
     """The verdict by ISO 14253-1, as found and as predicted; empty without a tolerance."""
@@ -89,7 +85,6 @@ class Conclusion:
 
 
 def export_of(written: ExportReport) -> Export:
-    """Return the facts of an export that the conclusion needs."""
     kinds = tuple(dict.fromkeys(table.kind for table in written.tables))
     untested = (
         kinds if any(Path(name).stem.endswith(UNTESTED) for name in written.files) else ()
@@ -106,15 +101,13 @@ def export_of(written: ExportReport) -> Export:
 
 def harmed_in(findings: Iterable[Finding]) -> tuple[Words, ...]:
     """Return the findings about stretches in which files increase the error, from the findings of
-    an export or of `verify`.
-    """
+    an export or of `verify`."""
     return tuple(one.words for one in findings if one.code == STRETCH)
 
 
 def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
     """Return the conclusion of a result. The effect of compensation comes from the prediction of
-    the first export, without an export from the result.
-    """
+    the first export, or without an export from the result."""
     counts = {
         severity: sum(one.severity == severity for one in result.findings)
         for severity in ("error", "warning", "info")
@@ -142,9 +135,8 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
 
 
 def _of_proof(found: Finding, counts: dict[str, int]) -> Conclusion:
-    """Return the conclusion of a proof run, which contains only its verdict: a diagonal and a line
-    give no statement about the machine's errors.
-    """
+    """Return the conclusion of a proof run with only its verdict: a diagonal and a line do not
+    determine the machine's errors."""
     return Conclusion(
         wrong=(),
         unknown=(),
@@ -166,7 +158,6 @@ def _wrong(contributions: Sequence[Contribution]) -> list[Contribution]:
 
 
 def _wrong_sentence(one: Contribution) -> Sentence:
-    """Return the sentence about a contribution of an error to the volumetric error."""
     numbers = {
         "um": _um(one.effect_um),
         "length": f"{one.length_mm:.0f}",
@@ -192,9 +183,6 @@ def _wrong_sentence(one: Contribution) -> Sentence:
 
 
 def _magnitude(one: Contribution) -> str:
-    """Return the magnitude of a quantity as a text; a squareness or a scale has the digits of its
-    U, as in the table of the result.
-    """
     if one.kind not in ("squareness", "scale") or not one.u_um:
         return _um(abs(one.value))
     return f"{abs(one.value):.{decimals_of_u(2e3 * one.u_um / one.length_mm)}f}"
@@ -202,8 +190,7 @@ def _magnitude(one: Contribution) -> str:
 
 def _towards(one: Contribution) -> str:
     """Return the direction in which the tool moves when an axis that is out of square moves in +:
-    dX = -C0Y y, dX = +B0Z z, dY = -A0Z z (contract 1).
-    """
+    dX = -C0Y y, dX = +B0Z z, dY = -A0Z z (contract 1)."""
     grows = one.value > 0 if one.name == "B0Z" else one.value < 0
     return f"{'+' if grows else '−'}{LEANS[one.name][1]}"
 
@@ -247,11 +234,11 @@ def _unknown(result: Result) -> Iterator[Sentence]:
 
 
 def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
-    """Yield sentences about slips of the count that may stay unnoticed: the most harmful slip, and
-    the passes where a slip has a larger effect than the noise.
+    """Yield sentences about slips of the count that can stay undetected: the most harmful slip, and
+    the passes in which a slip affects the volume more than the noise.
 
-    The stated uncertainty contains the noise of the readings, but no slip. The most harmful slip is
-    always reported: the noisier the readings, the larger an unnoticed slip can be.
+    U contains the noise of the readings but no slip. The most harmful slip is always reported,
+    because it grows with the noise of the readings.
     """
     blind = next((one for one in slips if one.half_um is None), None)
     if blind is not None:
@@ -280,7 +267,6 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
 
 
 def _of_setups(passes: Iterable[str]) -> Words:
-    """Return the numbers of passes by setup; each pass is written ``ppp/1``."""
     numbers: dict[str, list[int]] = {}
     for setup, _, number in (one.partition("/") for one in passes):
         numbers.setdefault(setup, []).append(int(number))
@@ -298,9 +284,6 @@ def _standing(result: Result) -> list[str]:
 
 
 def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[Sentence]:
-    """Yield the volumetric error as found and, as an interval, after compensation; if every export
-    was refused, its forecast.
-    """
     if reach is None:
         yield Sentence(
             key="reach_axes_alone",
@@ -320,9 +303,6 @@ def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[
 
 
 def _largest_share(result: Result) -> Iterator[Sentence]:
-    """Yield the source with the largest share of the volume's U (of its square), and the measure
-    that makes this share smaller.
-    """
     shares = {} if result.budget is None else result.budget.shares.get(VOLUME, {})
     square = {
         knob: sum(
@@ -340,9 +320,6 @@ def _largest_share(result: Result) -> Iterator[Sentence]:
 
 
 def _harmed(exports: Sequence[Export]) -> Iterator[Sentence]:
-    """Yield the places where the files of an export make the machine worse, although the files
-    improve the volume as a whole.
-    """
     for one in exports:
         yield from (
             Sentence(key="reach_harmed", arguments={"control": one.controller, "what": text})
@@ -355,10 +332,6 @@ def _all_refused(exports: Sequence[Export]) -> bool:
 
 
 def _basis(found: Basis) -> Iterator[Sentence]:
-    """Yield sentences about the temperature of the lengths, the assumed sizes behind U, and the
-    point of the tool for which the errors are valid; no sentence for a fact that the result does
-    not state.
-    """
     if found.tables is not None and found.material_c is None:
         yield Sentence(key=f"basis_{found.tables}_alone")
     elif found.tables is not None:
@@ -385,9 +358,9 @@ def _basis(found: Basis) -> Iterator[Sentence]:
 
 
 def taken_for_granted(assumed: Mapping[str, float]) -> Sentence | None:
-    """Return the assumed sizes behind U, as shown with every U; None where a size is missing.
+    """Return the assumed sizes behind U as a sentence; None if a size is missing.
 
-    Results of older versions assumed no growth and do not state it.
+    Results of older versions assumed no growth and do not contain it.
     """
     sizes = {"growth_um_m": 0.0, **assumed}
     if not sizes.keys() >= set(ASSUMED):
@@ -409,9 +382,8 @@ def _figure(when: str, rms: Interval, largest: Interval) -> Sentence:
 
 
 def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
-    """Yield the parts of an export that may be loaded now, one sentence per control; no part may be
-    loaded before its sign test.
-    """
+    """Yield the parts of an export that can be loaded now, one sentence per control. No part can be
+    loaded before its sign test."""
     if not exports:
         yield Sentence(key="load_none")
     for one in exports:
@@ -435,7 +407,7 @@ def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
 
 
 def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]) -> Sentence:
-    """Return the next action: the one without which no other action has a value."""
+    """Return the next action: the one that all other actions require."""
     if counts["error"]:
         return Sentence(key="next_error")
     usable = [each for each in exports if not each.refused]
@@ -456,12 +428,12 @@ def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]
 
 
 def _missing(result: Result, *, refused: bool) -> list[str] | None:
-    """Return the missing runs without which no table can be made; empty if only a repetition of
-    runs helps; None if no run is missing.
+    """Return the runs without which no table can be made; empty if only repeated runs help; None if
+    no run is missing.
 
-    Scales alone refuse no export, so a ``refused`` export has another reason. The diagonals give
-    the sum of the three scales, so runs are needed along all axes with an unknown scale but the
-    longest.
+    Unknown scales alone refuse no export, so a ``refused`` export has another reason. The diagonals
+    determine the sum of the three scales, so runs are needed along all axes with an unknown scale
+    except the longest one.
     """
     if not result.volume.solid:
         return None

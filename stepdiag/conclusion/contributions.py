@@ -1,4 +1,4 @@
-"""Contribution of each error of the machine over the volume, in um, the largest first."""
+"""Contribution of each error of the machine to the volumetric error in um, the largest first."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ from stepdiag.base.volume import Vector, Volume
 
 Kind = Literal["squareness", "scale", "positioning", "straightness", "angle", "reversal"]
 LEANS = {"C0Y": ("Y", "X"), "B0Z": ("Z", "X"), "A0Z": ("Z", "Y")}
-"""By squareness error: the axis that leans, and the axis towards which it leans (ISO 230-1)."""
+"""The axis that leans, and the axis towards which it leans, by squareness error (ISO 230-1)."""
 AXES = "XYZ"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contribution:
-    """An error of the machine: ``effect_um`` is the movement of the tool that this error causes
+    """An error of the machine. ``effect_um`` is the movement of the tool that this error causes
     from one end of the volume to the other, ``u_um`` its standard uncertainty.
 
-    ``value`` is the error in ``unit``: signed, for a function its range. ``length_mm`` is the
-    travel over which the effect is computed.
+    ``value`` is the error in ``unit``, of a function its range. ``length_mm`` is the travel over
+    which the effect is computed.
     """
 
     name: str
@@ -36,16 +36,14 @@ class Contribution:
 
     @property
     def significant(self) -> bool:
-        """Return whether the effect of an error exceeds the expanded uncertainty (k = 2) of this
-        effect; without a stated uncertainty it is significant.
-        """
+        """Return whether the effect of an error exceeds its expanded uncertainty (k = 2); an effect
+        without uncertainty is significant."""
         return self.u_um is None or self.effect_um > 2 * self.u_um
 
 
 def contributions_of(result: Result) -> tuple[Contribution, ...]:
     """Return the identified errors, the largest effect first; errors of equal effect are sorted by
-    name.
-    """
+    name."""
     found = [
         *_squareness(result),
         *_scales(result),
@@ -90,8 +88,7 @@ def _scales(result: Result) -> Iterator[Contribution]:
 
 def _functions(result: Result) -> Iterator[Contribution]:
     """Yield the shapes of the functions. Their end-point line is removed, because it belongs to the
-    scale or the squareness.
-    """
+    scale or the squareness."""
     for name in DISPLACEMENTS:
         function = result.errors[name]
         if function.value is None:
@@ -111,7 +108,6 @@ def _functions(result: Result) -> Iterator[Contribution]:
 
 
 def _angles(result: Result) -> Iterator[Contribution]:
-    """Yield the angular functions, each with the longest arm on which it acts in this volume."""
     mask = abbe_mask(result.chain)
     for name in ROTATIONS:
         function = result.errors.get(name)
@@ -135,9 +131,6 @@ def _angles(result: Result) -> Iterator[Contribution]:
 
 
 def _reversals(result: Result) -> Iterator[Contribution]:
-    """Yield the lost motion of each axis on reversal: the largest value of its reversal
-    function.
-    """
     for axis in AXES:
         function = result.reversal.get(f"E{axis}{axis}")
         if function is None or function.value is None:
@@ -168,9 +161,6 @@ def _without_line(function: Function) -> Vector:
 
 
 def _range(function: Function, value: Vector) -> tuple[float, float | None]:
-    """Return the largest less the smallest value of a function, and the standard uncertainty of
-    this difference.
-    """
     low, high = int(np.argmin(value)), int(np.argmax(value))
     u = None if function.u is None else float(np.hypot(function.u[low], function.u[high]))
     return float(value[high] - value[low]), u

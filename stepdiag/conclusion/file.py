@@ -1,6 +1,5 @@
-"""The conclusion as a file beside the result: sentences with figures in every language, and the
-same bytes for the same conclusion.
-"""
+"""The conclusion as a file beside the result, with its sentences in every language. The same
+conclusion gives the same bytes."""
 
 import json
 from collections.abc import Mapping
@@ -23,8 +22,7 @@ def conclusion_document(
     conclusion: Conclusion, field: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Return a conclusion as plain data: sentences in every language, the predicted volumetric
-    error in um (k = 2), and the error ``field`` for the picture.
-    """
+    error in um (k = 2), and the error ``field`` for the picture."""
     return {
         "format": FORMAT,
         "version": FORMAT_VERSION,
@@ -48,7 +46,6 @@ def conclusion_document(
 
 
 def conclusion_json(conclusion: Conclusion, field: Mapping[str, Any] | None = None) -> str:
-    """Return the JSON text of a conclusion."""
     return (
         json.dumps(
             conclusion_document(conclusion, field), ensure_ascii=False, allow_nan=False
@@ -58,13 +55,11 @@ def conclusion_json(conclusion: Conclusion, field: Mapping[str, Any] | None = No
 
 
 def titles_of(language: Language) -> dict[str, str]:
-    """Return the heading of each section of a conclusion."""
     words = catalogue(SECTION, language)
     return {section: words[section] for section in SECTIONS}
 
 
 def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[str]]:
-    """Return the sentences of each section in a conclusion's JSON."""
     # files of older programs have no section for the basis, surveys without a tolerance no verdict
     return {
         section: [sentence[language] for sentence in document.get(section, [])]
@@ -73,9 +68,8 @@ def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[
 
 
 def conclusion_in(folder: Path) -> dict[str, Any] | None:
-    """Return the JSON of the conclusion in a survey's folder; None if there is no conclusion, or
-    one of another version.
-    """
+    """Return the JSON of the conclusion in a survey's folder; None for a missing conclusion or one
+    of another version."""
     try:
         document = json.loads((folder / CONCLUSION).read_text(encoding="utf-8"))
     except (OSError, ValueError):

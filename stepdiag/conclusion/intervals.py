@@ -11,8 +11,8 @@ from stepdiag.exporters.safety.verify import NODES, Figures
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
-    """The volumetric error, rigid motion removed, before and after compensation: rms over the
-    volume and its largest vector."""
+    """The volumetric error before and after compensation, rigid motion removed: rms over the
+    volume, and its largest vector."""
 
     rms_before: Interval
     largest_before: Interval
@@ -21,7 +21,6 @@ class Reach:
 
 
 def reach_of(predicted: Predicted) -> Reach:
-    """Return the volumetric error in a prediction as a `Reach`."""
     before, after = (
         predicted.without_rigid_motion["before"],
         predicted.without_rigid_motion["after"],
@@ -35,9 +34,8 @@ def reach_of(predicted: Predicted) -> Reach:
 
 
 def reach_in(result: Result) -> Reach:
-    """Return the predicted volumetric error that a result states. For a result of version 1, return
-    only the error of the machine as found, without its uncertainty.
-    """
+    """Return the predicted volumetric error of a result. A result of version 1 gives only the error
+    of the machine as found, without its uncertainty."""
     return _as_found(result) if result.predicted is None else reach_of(result.predicted)
 
 

@@ -1,6 +1,5 @@
-"""The verdict about the machine's tolerances in sentences: as found, and as predicted with the
-files of an export.
-"""
+"""The verdict about the machine's tolerances in sentences, as found and as predicted with the files
+of an export."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,20 +14,19 @@ from stepdiag.texts.texts import UNITS, Language
 
 STATES = ("as_found", "predicted")
 SURE = 0.99
-"""Largest probability that is shown: a probability is a share of a few hundred draws."""
+"""Largest probability that is shown; the probability comes from a few hundred draws."""
 
 
 ROUNDING = 1e-4
-"""Tolerance in um and urad: the two halves of a symmetric interval in a file differ by no more than
-its last digits.
-"""
+"""Largest difference in um and urad between the two halves of a symmetric interval; the last digits
+in the file cause it."""
 
 
 def judged_in(result: Result, exported: Reach | None = None) -> Conformity | None:
     """Return the conformity of a result, None without a tolerance.
 
-    For the files of an export, only the volumetric figures are predicted. Single functions are not
-    predicted, because a file may leave a function out.
+    For the files of an export, only the volumetric figures are predicted, because a file can leave
+    out a function.
     """
     if (
         result.conformity is None
@@ -47,9 +45,8 @@ def judged_in(result: Result, exported: Reach | None = None) -> Conformity | Non
 
 
 def verdict_sentences(found: Conformity | None) -> Iterator[Sentence]:
-    """Yield the verdict about the machine and the verdict about every figure, as found and as
-    predicted; none without a tolerance.
-    """
+    """Yield the verdict about the machine and about every figure, as found and as predicted;
+    nothing without a tolerance."""
     for state in STATES if found is not None else ():
         judged: tuple[Judged, ...] = getattr(found, state)
         if judged:
@@ -78,9 +75,8 @@ def _sentence(one: Judged) -> Sentence:
 
 
 def even_of(one: Judged) -> str:
-    """Return a figure with a symmetric interval as value and U, as in the table of the result;
-    empty for a skewed or unknown interval.
-    """
+    """Return a figure with a symmetric interval as value and U; empty for a skewed or unknown
+    interval."""
     if (
         one.value is None
         or one.low is None
@@ -92,9 +88,7 @@ def even_of(one: Judged) -> str:
 
 
 def interval_of(one: Judged) -> tuple[str, str]:
-    """Return the ends of a figure's coverage interval in the common notation; empty where
-    unknown.
-    """
+    """Return the ends of a figure's coverage interval as texts; empty if unknown."""
     if one.low is None or one.high is None:
         return "", ""
     low, high = Interval(value_um=one.value or 0.0, low_um=one.low, high_um=one.high).shown()
@@ -116,17 +110,15 @@ def _quantity(one: Judged) -> Sentence:
 
 
 def quantity_words(one: Judged, language: Language) -> str:
-    """Return the name of a figure as a person reads it."""
     return render(_quantity(one), language)
 
 
 def verdict_words(one: Judged, language: Language) -> str:
-    """Return the verdict about one figure as a person reads it."""
     return render(Sentence(key=f"verdict_{one.verdict}"), language)
 
 
 def probability_words(p: float) -> str:
-    """Return a probability in percent, limited to the resolution that the number of draws gives."""
+    """Return a probability in percent, limited to the resolution of the draws."""
     if p > SURE:
         return "> 99"
     return "< 1" if p < 1.0 - SURE else f"{100.0 * p:.0f}"

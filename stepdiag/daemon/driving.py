@@ -1,4 +1,4 @@
-"""The passes of a survey in the form for NC programs, and the programs of a survey."""
+"""The NC programs of a survey."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,11 +22,11 @@ from stepdiag.exporters.programs.settings import program_section, travel_in
 def programs_of(
     survey: Survey, control: str, profile: Path | None, *, commission: bool = False
 ) -> tuple[tuple[Program, ...], tuple[ControlFile, ...]]:
-    """Return the NC programs of a survey and the files beside them; with ``commission``, only the
-    programs for the head's runs, with the jogs.
+    """Return the NC programs of a survey and the files beside them. With ``commission``, return
+    only the programs for the head's runs, with the jogs.
 
-    Raises the errors of `nc_programs`, and UsageError where the head is to be commissioned and the
-    plan has no run of the head.
+    Raises the errors of `nc_programs`, and UsageError for a commissioning if the plan has no run of
+    the head.
     """
     defaults = default_signals(control)
     text, source = ("", "") if profile is None else (read_profile_text(profile), profile.name)

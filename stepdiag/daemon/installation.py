@@ -1,8 +1,8 @@
-"""The service of a survey as files of systemd: unit, rules, token, and a drop-in with no more
-rights than this survey needs.
+"""The systemd files of a survey's service: unit, rules, token, and a drop-in that permits only the
+devices of this survey.
 
-The survey file determines the contents of all these files. So a repeated installation leaves
-correct files unchanged, and the removal finds the installed files.
+The contents of all files follow from the survey file. So a repeated installation leaves correct
+files unchanged, and the removal finds the installed files.
 """
 
 import ipaddress
@@ -38,12 +38,10 @@ SHARED = {
     "90-stepdiag.rules": Path("etc/udev/rules.d/90-stepdiag.rules"),
     "stepdiag.modules.conf": Path("etc/modules-load.d/stepdiag.conf"),
 }
-"""The files that all surveys of a computer have in common: their names in the package, and their
-places.
-"""
+"""Files that all surveys of a computer share: their names in the package, and their places."""
 DROP_IN = "50-survey.conf"
 PRIVATE_NETWORKS = ("link-local", "10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "fc00::/7")
-"""The private networks, from which a page that is open beyond this computer can be reached."""
+"""Private networks that can reach a page that is open to other computers."""
 TOKEN_BYTES = 18
 """Number of random bytes of a token: 144 bits cannot be guessed."""
 WRITTEN = (
@@ -53,9 +51,7 @@ WRITTEN = (
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A file of the installation, and its actual or possible change. The text of a secret is never
-    shown.
-    """
+    """A file of the installation and its change. The text of a secret is never shown."""
 
     path: Path
     does: Literal["write", "keep", "remove", "make secret"]
@@ -64,8 +60,7 @@ class Step:
 
 def plan_install(survey_file: Path, root: Path) -> list[Step]:
     """Return the steps of an installation below ``root``. Raises UsageError for a survey file that
-    is wrong or at another place.
-    """
+    is wrong or at another place."""
     survey = load_survey(survey_file)
     name = name_of(survey_file, root)
     steps = [
@@ -85,9 +80,8 @@ def plan_install(survey_file: Path, root: Path) -> list[Step]:
 
 
 def plan_removal(survey_file: Path, root: Path) -> list[Step]:
-    """Return the files to remove: the drop-in of a survey, and after the last survey the common
-    files. Survey file, token and data stay.
-    """
+    """Return the files to remove: the drop-in of a survey, and after the last survey the shared
+    files. Survey file, token and data stay."""
     name = name_of(survey_file, root)
     own = [root / _of(unit, name) for unit in (UNIT, PAGE, PAGE_SOCKET)]
     others = [
@@ -100,7 +94,7 @@ def plan_removal(survey_file: Path, root: Path) -> list[Step]:
 
 
 def carry_out(steps: list[Step]) -> None:
-    """Execute the steps of an installation. Raises UsageError where a file cannot be written."""
+    """Execute the steps of an installation. Raises UsageError for a file that cannot be written."""
     for step in steps:
         try:
             _do(step)
@@ -113,10 +107,8 @@ def carry_out(steps: list[Step]) -> None:
 
 
 def drop_ins(name: str, survey: Survey, folder: Path) -> dict[Path, str]:
-    """Return the drop-ins of a survey by their places. The recorder's drop-in contains the devices;
-    the page's drop-in contains the addresses, and the credentials in ``folder``.
-
-    Raises UsageError.
+    """Return the drop-ins of a survey by their places. The recorder's drop-in contains the devices.
+    The page's drop-in contains the addresses and the credentials in ``folder``. Raises UsageError.
     """
     texts = {_of(UNIT, name): ("Service", _network(survey))}
     if survey.page.enabled or survey.metrics.enabled:
@@ -150,9 +142,8 @@ def _do(step: Step) -> None:
 
 
 def written(path: Path, text: str) -> Step:
-    """Return the step that writes a text into a file; its action is ``keep`` where the file already
-    has this text.
-    """
+    """Return the step that writes a text into a file; its action is ``keep`` if the file already
+    has this text."""
     try:
         same = path.read_text(encoding="utf-8") == text
     except (OSError, UnicodeDecodeError):
@@ -162,8 +153,7 @@ def written(path: Path, text: str) -> Step:
 
 def name_of(survey_file: Path, root: Path) -> str:
     """Return the name of the instance of a survey file. Raises UsageError for a file that the
-    systemd unit would not find.
-    """
+    systemd unit would not find."""
     expected = root / SURVEYS
     name = survey_file.stem
     plain = name.isascii() and all(letter.isalnum() or letter in "._-" for letter in name)
@@ -182,15 +172,14 @@ def name_of(survey_file: Path, root: Path) -> str:
 
 
 def _of(unit: str, name: str) -> Path:
-    """Return the place of an instance's drop-in."""
     return UNITS / f"{unit.replace('@', f'@{name}')}.d" / DROP_IN
 
 
 def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
-    """Yield the steps for a file that all surveys have in common.
+    """Yield the steps for a file that all surveys share.
 
-    A package brings its own file and renews it with each upgrade: a copy in /etc, written by an
-    older version, would hide the file of the package permanently.
+    A package renews its own file with each upgrade. A copy of an older version in /etc would hide
+    this file, so no copy is written.
     """
     packaged = root / "usr/lib" / place.relative_to("etc")
     if packaged.is_file() and sys.prefix == PACKAGED:
@@ -201,8 +190,7 @@ def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
 
 def shared(source: str, root: Path) -> str:
     """Return the text of a systemd file of this program; a unit contains the places of this
-    installation. Raises UsageError.
-    """
+    installation. Raises UsageError."""
     for folder in (
         Path(sys.prefix) / "share/stepdiag/systemd",
         Path(str(files("stepdiag"))).parent / "systemd",
@@ -223,9 +211,6 @@ def shared(source: str, root: Path) -> str:
 
 
 def _network(survey: Survey) -> Iterator[str]:
-    """Yield the lines of a drop-in that allow only the devices of the survey, or private networks
-    where a device has a name instead of an address.
-    """
     allowed = [
         each
         for host in _devices(survey)
@@ -237,7 +222,6 @@ def _network(survey: Survey) -> Iterator[str]:
 
 
 def _devices(survey: Survey) -> Iterator[str]:
-    """Yield the hosts of the machine and of every instrument on the network."""
     plc = survey.plc
     if plc.transport in ("tcp", "s7", "lsv2"):
         yield plc.host
@@ -251,9 +235,6 @@ def _devices(survey: Survey) -> Iterator[str]:
 
 
 def _addresses(survey: Survey) -> Iterator[str]:
-    """Yield the addresses of page and metrics, and the networks that may reach them. For an address
-    that is open beyond this computer, these are the private networks.
-    """
     served = [each for each in (survey.page, survey.metrics) if each.enabled]
     yield "ListenStream="
     for each in served:
@@ -289,8 +270,7 @@ def _credentials(survey: Survey, folder: Path) -> Iterator[str]:
 
 def address_of(host: str) -> list[str]:
     """Return the address of a host without the name of a network interface; empty for a host
-    name.
-    """
+    name."""
     try:
         return [str(ipaddress.ip_address(host.partition("%")[0]))]
     except ValueError:

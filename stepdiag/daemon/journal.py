@@ -1,6 +1,5 @@
-"""The daemon's own log (journal): one line per change of state, on standard error; JSON if standard
-error is no terminal.
-"""
+"""The journal of the daemon: one line per change of state on standard error; JSON if standard error
+is no terminal."""
 
 import logging
 import sys
@@ -10,9 +9,6 @@ import structlog
 
 
 def configure(*, verbose: bool = False) -> None:
-    """Set up structlog: readable lines at a terminal, otherwise (systemd, a file) one JSON object
-    per line.
-    """
     level = logging.DEBUG if verbose else logging.INFO
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,

@@ -1,8 +1,7 @@
-"""The folders of this program on the disk, and the systemd unit that can access only these folders.
+"""The folders of this program on the disk, and the systemd unit that can read only these folders.
 
-A Python installed by pyenv or uv is in a user's home, which the unit otherwise cannot access. A
-virtual environment refers to this Python by links, and the folder of every link must exist inside
-the unit too.
+pyenv and uv install Python in the home of a user, which the unit otherwise cannot read. A virtual
+environment refers to this Python by links; every folder with a link must be visible in the unit.
 """
 
 import os
@@ -18,18 +17,17 @@ from stepdiag.base.messages import message
 PACKAGED = "/opt/stepdiag"
 """Folder of the program in the packaged unit."""
 SYSTEM = Path("/usr")
-"""Folder of the operating system, which the unit can always access."""
+"""Folder of the operating system, which the unit can always read."""
 HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
 """Folders that ProtectHome=yes hides (systemd.exec(5)), even if they are bound into the unit."""
 OTHERS_READ = 0o005
 LINKS = 40
-"""Largest number of links that are followed one after another, more than a kernel follows."""
+"""Largest number of links that are followed one after another; a kernel follows fewer."""
 
 
 def places_of_program() -> list[Path]:
-    """Return the folders that hold the environment, its Python and the package: without folders
-    inside another one, and without the folders of the operating system.
-    """
+    """Return the folders of the environment, its Python and the package, without folders inside
+    another one and without the folders of the operating system."""
     found = [
         Path(sys.prefix),
         Path(sys.base_prefix),
@@ -44,8 +42,7 @@ def places_of_program() -> list[Path]:
 
 def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> str:
     """Return the packaged unit, changed for a program in these folders. Raises UsageError for a
-    program that the account of the service could not run.
-    """
+    program that the account of the service cannot run."""
     for place in places:
         _assert_plain(place)
         _assert_no_home(place)
@@ -62,19 +59,10 @@ def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> s
 
 
 def _is_own(place: Path) -> bool:
-    """Return whether a folder is neither one of the operating system nor the root of the disk, to
-    which the link /bin/python3 would lead.
-    """
     return SYSTEM not in (place, *place.parents) and place != place.parent
 
 
 def _homes_of(executable: Path) -> Iterator[Path]:
-    """Yield the folder of every link from an environment's Python to the real Python, and the
-    installation folder of the real Python.
-
-    Only the folder that contains the link is needed: ~/.local/bin, where uv puts its links, and not
-    the data of programs in ~/.local/share.
-    """
     for _ in range(LINKS):
         if not executable.is_symlink():
             yield executable.parent.parent
@@ -96,9 +84,8 @@ def _assert_plain(place: Path) -> None:
 
 
 def _assert_no_home(place: Path) -> None:
-    """Refuse a folder directly in a home: a link to a Python there would open the whole home to the
-    service.
-    """
+    """Refuse a folder directly in a home: a link to a Python in this folder would open the whole
+    home to the service."""
     if (
         place == Path("/root")
         or place.parent == Path("/home")
@@ -114,10 +101,9 @@ def _assert_no_home(place: Path) -> None:
 
 
 def _assert_read_by_all(place: Path) -> None:
-    """Refuse a folder that not every account may read: the service runs under a separate account.
-    The rights of the folders above have no effect, because the service enters the bound folder
-    directly.
-    """
+    """Refuse a folder that not every account can read, because the service has its own account. The
+    rights of the folders above it have no effect, because the service enters the bound folder
+    directly."""
     place = place.resolve()  # not every chmod command follows a link
     closed = next(
         (

@@ -1,6 +1,4 @@
-"""The publication of a survey as a service of systemd: the unit, and a drop-in that allows only the
-receivers of the publication.
-"""
+"""The systemd files of a publication: the unit, and a drop-in that permits only the receivers."""
 
 import os
 import re
@@ -33,9 +31,8 @@ _PLAIN = re.compile(r"[A-Za-z0-9._:/@\[\]-]+")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Publication:
-    """A publication: to a broker, or as a server of OPC UA. ``port`` is the default port. The paths
-    of files are absolute, below /etc.
-    """
+    """A publication to a broker or as an OPC UA server. ``port`` is the default port. The paths of
+    files are absolute, below /etc."""
 
     broker: str = ""
     opcua: str = ""
@@ -46,14 +43,11 @@ class Publication:
 
     @property
     def secrets(self) -> tuple[str, ...]:
-        """Return the names of the credentials that the publication needs."""
         return (*self.who, *(() if self.broker or self.plain else ("opcua-key",)))
 
     @property
     def who(self) -> tuple[str, str]:
-        """Return the names of the credentials with user and password; both are given, or
-        neither.
-        """
+        """Return the names of the credentials with user and password, both or none."""
         return (
             ("mqtt-user", "mqtt-password")
             if self.broker
@@ -63,8 +57,7 @@ class Publication:
 
 def plan_publication(survey_file: Path, root: Path, publication: Publication) -> list[Step]:
     """Return the steps of an installation below ``root``. Raises UsageError for a survey file that
-    is wrong or at another place.
-    """
+    is wrong or at another place."""
     load_survey(survey_file)
     name = name_of(survey_file, root)
     text = drop_in(name, survey_file.parent, publication)
@@ -73,8 +66,7 @@ def plan_publication(survey_file: Path, root: Path, publication: Publication) ->
 
 def plan_end(survey_file: Path, root: Path) -> list[Step]:
     """Return the files to remove: the drop-in of a survey, and after the last published survey the
-    unit. Secrets stay.
-    """
+    unit. Secrets stay."""
     own = root / _drop_in(name_of(survey_file, root))
     others = [
         path
@@ -90,8 +82,7 @@ def plan_end(survey_file: Path, root: Path) -> list[Step]:
 
 def drop_in(name: str, folder: Path, publication: Publication) -> str:
     """Return the drop-in of a publication; secrets in ``folder`` with names like NAME.mqtt-user
-    become credentials. Raises UsageError.
-    """
+    become credentials. Raises UsageError."""
     host, port = _address(publication)
     lines = [f"Environment=PUBLISH={_words(publication)}", "IPAddressAllow="]
     lines += [
@@ -108,9 +99,8 @@ def drop_in(name: str, folder: Path, publication: Publication) -> str:
 
 
 def credentials(name: str, folder: Path, publication: Publication) -> dict[str, bool]:
-    """Return, for each secret, whether ``folder`` holds it. Raises UsageError for a user without a
-    password or a password without a user.
-    """
+    """Return, for each secret, whether ``folder`` contains it. Raises UsageError for a user without
+    a password or a password without a user."""
     there = {each: (folder / f"{name}.{each}").is_file() for each in publication.secrets}
     user, password = publication.who
     if there[user] != there[password]:
@@ -124,7 +114,6 @@ def credentials(name: str, folder: Path, publication: Publication) -> dict[str, 
 
 
 def _words(publication: Publication) -> str:
-    """Return the options of the command line in the form for the unit, between quotes."""
     files = {"ca": publication.ca, "certificate": publication.certificate}
     places = {
         option: Path(os.path.normpath(path))
@@ -161,9 +150,6 @@ def _address(publication: Publication) -> tuple[str, int]:
 
 
 def _reached(host: str, publication: Publication) -> Iterator[str]:
-    """Yield the permitted hosts. For a broker, this is its address, or the private networks if it
-    has a name; for a server, these are its permitted clients.
-    """
     if not is_loopback(host):
         yield from (
             PRIVATE_NETWORKS if publication.opcua else address_of(host) or PRIVATE_NETWORKS

@@ -1,6 +1,5 @@
-"""Comparison of a replay with the files of the live run: the same bytes, the same except for a
-tenth of a nanometre (another processor), or different.
-"""
+"""Comparison of a replay with the files of the live run: same bytes, equal within 0.1 nm (another
+processor), or different."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -15,19 +14,18 @@ from stepdiag.daq.replay import find_logs
 from stepdiag.report.completed import write_completed_report
 
 _FOLLOWS = re.compile(rb"\b[0-9a-f]{64}\b|base64,[A-Za-z0-9+/=]+")
-"""Pattern of the hashes of other files, and of tables inside a report: they follow from numbers
-that are compared elsewhere.
-"""
+"""Pattern of hashes in files, and of tables inside a report: they follow from numbers that are
+compared elsewhere."""
 _NUMBER = re.compile(rb"-?\d+(?:\.(\d+))?")
 
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """The files that a replay wrote into ``out``, compared with the files in the live run's folder.
+    """The files that a replay wrote into ``out``, compared with the files of the live run.
 
-    ``rounded`` are files with differences that another processor can cause: the result by less than
-    a tenth of a nanometre, the files made from the result in last digits and hashes. ``missing``
-    are files that the live run's folder lacks.
+    ``rounded`` are files with differences that another processor can cause: less than 0.1 nm in the
+    result, last digits and hashes in the other files. ``missing`` are files that the live run does
+    not have.
     """
 
     out: Path
@@ -38,7 +36,6 @@ class Compared:
     missing: tuple[str, ...]
 
     def as_json(self) -> dict[str, object]:
-        """Return the comparison as JSON types, for programs."""
         return {
             "out": str(self.out),
             "live": str(self.live),
@@ -49,7 +46,6 @@ class Compared:
         }
 
     def in_words(self) -> Iterator[Message]:
-        """Yield the sentences of the comparison, for a person."""
         yield message("replayed-into", folder=str(self.out))
         if self.identical:
             yield message("replay-identical", names=self.identical)
@@ -62,7 +58,7 @@ class Compared:
 def replay_and_compare(
     paths: Sequence[Path], out: Path | None, survey_file: Path | None = None
 ) -> Compared:
-    """Complete a survey from its logs into ``out`` and compare every file with the file beside the
+    """Complete a survey from its logs into ``out``, and compare every file with the file beside the
     logs.
 
     ``survey_file`` replaces an unusable survey file in the logs.

@@ -1,9 +1,8 @@
-"""The recording process: the daemon, a separate process for the page, and the settings of Python
-for both.
+"""The recording process: the daemon, the process for the page, and the Python settings for both.
 
-Arrival stamps are disturbed by another thread of this process that holds the interpreter. So
-threads yield ten times sooner than usual; and the garbage collector, which would stop everything
-for 20 ms to examine all imported objects, ignores these objects.
+Arrival stamps are late if another thread of this process holds the interpreter. So threads yield
+after a tenth of the usual time. The garbage collector ignores all imported objects, because their
+examination stops the process for 20 ms.
 """
 
 import gc
@@ -27,18 +26,16 @@ if TYPE_CHECKING:
 
 SOCKET = "STEPDIAG_PAGE_SOCKET"
 """Environment variable, set in the unit: the path of the socket by which the page's unit
-connects.
-"""
+connects."""
 PAGE_ACCOUNT = "stepdiag-page"
 MOST_KINDS = 100
 GIVE_WAY_S = 0.0005
-"""Longest time in s for which a computing thread may run while another thread waits."""
+"""Longest time in s for which a computing thread runs while another thread waits."""
 
 
 def record(survey_file: Path, *, verbose: bool = False) -> None:
-    """Record surveys until the end of the process; solve and export each survey after its last
-    pass. Raises the errors of `serve`.
-    """
+    """Record surveys until the end of the process; solve and export each complete survey. Raises
+    the errors of `serve`."""
     # otherwise a tenth of the start time would be spent in a garbage collection of the imported
     # modules
     gc.disable()
@@ -67,11 +64,10 @@ async def serve(
     archiving: Sequence[str] = (),
     ahead: Sequence[str] = (),
 ) -> None:
-    """Run the daemon of a survey file until its end, with page and metrics in a separate process,
-    by the settings of the file.
+    """Run the daemon of a survey file until its end, with page and metrics in a separate process.
 
-    Raises the errors of the survey file and the folder, and DeviceError if the page's address is in
-    use.
+    Raises the errors of the survey file and the folder, and DeviceError if the address of the page
+    is in use.
     """
     import asyncio
 
@@ -95,7 +91,6 @@ async def serve(
 
 
 def _say_what_hides(survey: "Survey") -> None:
-    """Report, before the first pass, the errors that this survey cannot detect."""
     import structlog
 
     from stepdiag.completion.foreseen import hidden_slip
@@ -107,11 +102,9 @@ def _say_what_hides(survey: "Survey") -> None:
 
 
 def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
-    """Return a handler that logs a failure outside all tasks on one line: a PLC with invalid
-    answers can cause any number of failures.
-
-    Of each kind, the first, the tenth, the hundredth failure and so on are logged.
-    """
+    """Return a handler that logs a failure outside all tasks: only the first, the tenth, the
+    hundredth failure of each kind and so on, because a PLC with invalid answers can cause any
+    number of failures."""
     import structlog
 
     log, counts = structlog.get_logger("service"), Counter[str]()
@@ -127,9 +120,6 @@ def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
 
 
 def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManager[None]":
-    """Serve the unit of the page, which has its own account and addresses. Raises UsageError where
-    the operating system lacks the account.
-    """
     import pwd
 
     from stepdiag.page.keeper import page_served
@@ -149,7 +139,6 @@ def _page_elsewhere(daemon: "Daemon", path: Path) -> "AbstractAsyncContextManage
 
 @asynccontextmanager
 async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[None]:
-    """Serve page and metrics in a separate process while the block runs."""
     import structlog
 
     from stepdiag.page.keeper import Listeners, address_of, page_kept
@@ -181,9 +170,6 @@ async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[Non
 
 
 def _programs(survey: "Survey") -> dict[str, str]:
-    """Return the name of the NC program of each setup, for the survey's first control with
-    programs.
-    """
     named = [each.controller for each in survey.exports] + (
         [survey.proof.controller] if survey.proof is not None else []
     )

@@ -1,6 +1,5 @@
-"""The state of a survey, from the disk alone: kept passes, passes to drive again, and the reasons
-for both. Reading the state changes no file.
-"""
+"""The state of a survey, read from the disk: kept passes, passes to drive again, and the reasons
+for both."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,9 +37,8 @@ from stepdiag.terminal.progress import counted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogStanding:
-    """The state of a log: its number of stops; ``trouble`` is the reason why the log is unreadable,
-    or the message that it was cut off.
-    """
+    """The state of a log: its number of stops; ``trouble`` is the reason why the log is unreadable
+    or truncated."""
 
     name: str
     stops: int
@@ -49,9 +47,8 @@ class LogStanding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """The state of a survey. ``round`` is None before anything was recorded; ``changed``: the
-    survey file differs from the survey file in the logs.
-    """
+    """The state of a survey. ``round`` is None before the first recording. ``changed``: the survey
+    file differs from the survey file in the logs."""
 
     survey: str
     machine: str
@@ -62,43 +59,37 @@ class Standing:
     result: Path | None
     next_setup: str
     doubts: tuple[Doubt, ...]
-    """Doubts that keep driven passes open."""
+    """Doubts that require further passes."""
     unsolved: Words
-    """The reason why there is no result although every pass is complete; empty if there is no
-    reason.
-    """
+    """The reason why a complete survey has no result; empty without a reason."""
     findings: tuple[FindingStatus, ...]
     setups: tuple[SetupStatus, ...]
     to_drive: tuple[DriveStatus, ...]
-    """The passes still to be driven, in the order of driving."""
+    """Missing passes in the order of driving."""
     logs: tuple[LogStanding, ...]
     live: LiveStatus | None
     """The state of the daemon that records in this folder, with its links; None without a
-    daemon.
-    """
+    daemon."""
     ahead: AheadStatus
     """The next pass to drive, by the newest solution."""
     wrong_line: str
-    """The line of the survey file that a finding names as wrong; empty without a line."""
+    """The line of the survey file that a finding reports as wrong; empty without such a line."""
     corrections: tuple[str, ...]
-    """Time, person and lines of the corrections of the survey file since the recording of the
-    logs.
-    """
+    """Time, person and lines of the corrections of the survey file since the recording."""
     disk: Words
     """The finding about the disk of the recording; empty while there is room."""
 
     @property
     def complete(self) -> bool:
-        """Return whether every pass of the plan is complete."""
         return not self.next_setup
 
 
 def standing_of(path: Path) -> Standing:
-    """Return the state of the survey of a survey file, or of the survey recorded in a folder (the
-    survey's folder, or that of one round).
+    """Return the state of the survey of a survey file, or of the survey in a folder (of the survey
+    or of one round).
 
-    Raises UsageError for a folder without a recording, DataError where none of its logs can be
-    read.
+    Raises UsageError for a folder without a recording, DataError for a folder whose logs are all
+    unreadable.
     """
     if not path.is_dir():
         survey = load_survey(path)
@@ -119,9 +110,6 @@ def standing_of(path: Path) -> Standing:
 
 
 def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str) -> Standing:
-    """Return the state of a round of a survey. Without a survey file, the survey is read from the
-    logs.
-    """
     paths = logs_in(last) if last is not None else []
     recorded, readable, logs = _read_logs(paths)
     recorded = text_of(readable[0].parent, readable) if readable else recorded
@@ -172,9 +160,6 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
 
 
 def _read_logs(paths: Sequence[Path]) -> tuple[str, list[Path], list[LogStanding]]:
-    """Return the survey file in the first readable log, the readable logs in order, and the state
-    of each log.
-    """
     text, readable, logs = "", list[Path](), list[LogStanding]()
     for path in counted(paths, message("reading-logs"), len(paths)):
         try:

@@ -1,6 +1,5 @@
-"""The demo: a survey of a virtual machine is recorded, solved and exported, its files are loaded
-into the machine, and the machine is verified at unmeasured points.
-"""
+"""The demo: a survey of a virtual machine is recorded, solved and exported. Its files are loaded
+into the machine, which is then verified at unmeasured points."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -38,15 +37,13 @@ from stepdiag.virtual.control.compensation import Control
 LINE_POINTS = 21
 
 Progress = Callable[[Message, int, int], None]
-"""A function that receives the present work, the number of captured stops, and the final number of
-stops.
-"""
+"""A function with three arguments: the present work, the number of captured stops, and the final
+number of stops."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """Errors of the tool anywhere in the volume, as the product computes them (um, rigid motion
-    removed), and along a face diagonal.
+    """Errors of the tool over the volume (um, rigid motion removed) and along a face diagonal.
 
     ``face_diagonal_um`` is the largest range of the deviation along one of six face diagonals.
     """
@@ -58,9 +55,8 @@ class Figures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """The interval (k = 2) that a result states for the rms error of the volume, and the true error
-    of the virtual machine.
-    """
+    """The interval (k = 2) of a result for the rms error of the volume, and the true error of the
+    virtual machine."""
 
     of: Message
     stated: Interval
@@ -68,9 +64,7 @@ class Promise:
 
     @property
     def kept(self) -> bool:
-        """Whether the true error lies in the stated interval; False if the result states no
-        uncertainty.
-        """
+        """Whether the true error is inside the interval; False without an interval."""
         low_um, high_um = self.stated.low_um, self.stated.high_um
         return (
             low_um is not None and high_um is not None and low_um <= self.true_um <= high_um
@@ -79,12 +73,12 @@ class Promise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demonstrated:
-    """Results of the demo: the machine as found, and with the files of each control loaded;
-    ``seconds`` is the duration of the survey.
+    """Results of the demo: the machine as found, and with the files of each control; ``seconds`` is
+    the duration of the survey.
 
-    ``after`` holds the errors with the files that the daemon exported, ``reach`` the errors with
-    other forms of compensation from the same survey. ``promises`` holds the intervals that the
-    result states, beside the true errors.
+    ``after`` contains the errors with the files that the daemon exported, ``reach`` those with
+    other forms of compensation. ``promises`` contains the intervals of the result beside the true
+    errors.
     """
 
     folder: Path
@@ -96,16 +90,14 @@ class Demonstrated:
     seconds: float
 
     def factor(self, control: str) -> float:
-        """Return the factor by which the files of a control reduce the volumetric error (rms
-        anywhere in the volume).
-        """
+        """Return the factor by which the files of a control reduce the volumetric error (rms)."""
         return self.before.rms_um / {**self.after, **self.reach}[control].rms_um
 
 
 def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
-    """Run the demo in an empty folder, where all its files remain, and return its results.
+    """Run the demo in an empty folder and return its results; all its files stay.
 
-    Raises UsageError for a folder that is not empty, DeviceError or DataError for a failed process.
+    Raises UsageError for a folder with files, DeviceError or DataError for a failed process.
     """
     empty_folder(folder)
     began = time.monotonic()
@@ -141,9 +133,8 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
 
 
 def promises_of(result: Result, before_um: float, whole_um: float) -> tuple[Promise, ...]:
-    """Return the stated intervals of a result beside the true rms errors in um: for the machine as
-    found, and with all known errors corrected.
-    """
+    """Return the intervals of a result beside the true rms errors in um: for the machine as found,
+    and with all known errors corrected."""
     reach = reach_in(result)
     found = (
         (message("as-it-is"), reach.rms_before, before_um),
@@ -157,7 +148,6 @@ def promises_of(result: Result, before_um: float, whole_um: float) -> tuple[Prom
 
 
 def empty_folder(folder: Path) -> None:
-    """Make a folder. Raises UsageError for a folder with files."""
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
         remedy = message("name-with-out")
@@ -170,9 +160,8 @@ def empty_folder(folder: Path) -> None:
 
 
 def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figures:
-    """Return the true errors of the virtual machine with compensation files loaded by the control's
-    law (None: without files).
-    """
+    """Return the true errors of the virtual machine after its control has loaded these compensation
+    files (None: no files)."""
     config = read_config(bench)
     if control is not None:
         loaded = CompensationPart(control=control, files=tuple(str(file) for file in files))
@@ -193,16 +182,14 @@ def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figur
 def _diagonal_range_um(
     error_at: Callable[[Vector], Vector], start: Vector, end: Vector
 ) -> float:
-    """Return the range of the deviation along a line between two points, as a laser with a
-    retroreflector would measure it.
-    """
+    """Return the range of the deviation along a line between two points, as measured by a laser
+    with a retroreflector."""
     points = start + np.linspace(0.0, 1.0, LINE_POINTS)[:, None] * (end - start)
     along = error_at(points) @ ((end - start) / np.linalg.norm(end - start))
     return float(np.ptp(along - along[0]))
 
 
 def _face_diagonals() -> Iterator[tuple[Vector, Vector]]:
-    """Yield start and end of two diagonals on each of the three faces through the origin."""
     size = np.array(SIZE_MM)
     for first, second in ((0, 1), (1, 2), (2, 0)):
         a, b = np.zeros(3), np.zeros(3)
@@ -232,7 +219,6 @@ def _files(round_folder: Path, control: str) -> list[Path]:
 
 
 def _survey(hall: Talker, survey: Path, recording: Talker, progress: Progress) -> Path:
-    """Have the operator drive the survey until it is complete; return the folder of its logs."""
     total = (
         sum((3 * INCREMENTS + 1 if len(setup) == 3 else INCREMENTS + 1) for setup in SETUPS)
         * PASSES

@@ -1,6 +1,4 @@
-"""The files that the demo needs at its start: the virtual machine, the survey, and the profiles of
-two controls.
-"""
+"""The files at the start of the demo: the virtual machine, the survey, and the profiles."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -170,16 +168,14 @@ _FOURS = [
     for point in range(4)
 ]
 _STRAIGHTNESS = sorted([*range(5711, 5714), *range(5721, 5724), *_FOURS])
-"""The FANUC parameters of straightness compensation; these numbers are valid only for the virtual
-control.
-"""
+"""FANUC parameters of straightness compensation; these numbers are valid only for the virtual
+control."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """Pace of the virtual machine, and the survey's settings of a stop: ``machine_s`` is the number
-    of machine seconds in a wall second; the other fields are in wall seconds.
-    """
+    """Pace of the virtual machine, and the survey's settings of a stop. ``machine_s`` is the number
+    of machine seconds per wall second; the other fields are in wall seconds."""
 
     machine_s: float = 10.0
     dwell_s: float = 0.26
@@ -189,11 +185,11 @@ class Pace:
 
 FAST = Pace()
 WATCHED = Pace(machine_s=2.0, dwell_s=1.2, settle_s=0.15, min_window_s=0.4)
-"""Pace of the live demo: a stop every second and a half, so that a person can follow."""
+"""Pace of the live demo: one stop every 1.5 s, so that a person can follow."""
 
 
 def write_bench(folder: Path, seed: int, pace: Pace = FAST) -> Path:
-    """Write the virtual machine's file and return its path."""
+    """Write the settings file of the virtual machine; return its path."""
     dwell = pace.dwell_s * pace.machine_s
     bench = _BENCH.format(
         seed=seed,
@@ -215,9 +211,8 @@ def write_survey(
     pace: Pace = FAST,
     page: str = "enabled = false",
 ) -> Path:
-    """Write the survey file for devices at these addresses and return its path; ``page`` is the
-    text of its section.
-    """
+    """Write the survey file for devices at these addresses; return its path. ``page`` is the text
+    of its section."""
     survey = _SURVEY.format(
         n=INCREMENTS,
         setups=_quoted(),
@@ -232,9 +227,8 @@ def write_survey(
 
 
 def write_angles(folder: Path, bench: Path, seed: int) -> None:
-    """Write the angles file of an autocollimator that measured every axis at the positions of the
-    stops, with the uncertainty `U_ANGLE_URAD`.
-    """
+    """Write the angles file of an autocollimator at the positions of the stops, with the
+    uncertainty `U_ANGLE_URAD`."""
     truth, rng = (
         build_machine(read_config(bench)).truth(INCREMENTS),
         np.random.default_rng(seed),
@@ -256,8 +250,7 @@ def write_angles(folder: Path, bench: Path, seed: int) -> None:
 
 def write_profiles(folder: Path) -> None:
     """Write the profiles of both controls of the demo, and the punch file of a FANUC control
-    without compensation.
-    """
+    without compensation."""
     (folder / "PITCH.TXT").write_bytes(
         _punch([f"N{10000 + point:05d}Q0P0" for point in range(1, 129)])
     )
@@ -269,9 +262,8 @@ def write_profiles(folder: Path) -> None:
 def siemens_profile(
     *, functions: str = "", products: bool = False, held: int | None = None
 ) -> str:
-    """Return the profile of a SINUMERIK with nine tables, or with the tables of ``functions`` and,
-    within ``held`` CEC tables, products.
-    """
+    """Return the profile of a SINUMERIK with nine tables, or with the tables of ``functions`` and
+    products of ``held`` CEC tables."""
     chosen = f"functions = {functions}" if functions else ""
     section = "\n[siemens]\nmeasuring_system = 1\n" + (
         "products = true\n" if products else ""
@@ -285,9 +277,8 @@ def siemens_profile(
 
 
 def fanuc_profile(*, straightness: bool = False) -> str:
-    """Return the profile of a FANUC control: stored pitch error, and straightness if the control
-    has the option.
-    """
+    """Return the profile of a FANUC control with stored pitch error compensation, and straightness
+    compensation if the control has this option."""
     own = 'existing = ["PITCH.TXT", "CNCPARAM.TXT"]'
     unit = "detection_unit_um = 1.0"
     section = (
@@ -303,7 +294,6 @@ def fanuc_profile(*, straightness: bool = False) -> str:
 
 
 def beckhoff_profile(chain: str) -> str:
-    """Return the profile of a Beckhoff or ISG with volumetric compensation and angles."""
     section = (
         f'\n[beckhoff]\nway = "volumetric"\naxis_numbers = {{ X = 1, Y = 2, Z = 3 }}\nchain = '
         f'"{chain}"\n'
@@ -316,7 +306,6 @@ def beckhoff_profile(chain: str) -> str:
 
 
 def heidenhain_profile(chain: str) -> str:
-    """Return the profile of an iTNC 530 with KinematicsComp."""
     section = f'\n[heidenhain]\ngeneration = "itnc530"\nchain = "{chain}"\n'
     return (
         _MACHINE.format(controller="heidenhain", existing="")
@@ -326,7 +315,6 @@ def heidenhain_profile(chain: str) -> str:
 
 
 def linuxcnc_profile() -> str:
-    """Return the profile of a LinuxCNC with the kinematics component."""
     section = '\n[linuxcnc]\njoints = { X = [0], Y = [1], Z = [2] }\nway = "kinematics"\n'
     return (
         _MACHINE.format(controller="linuxcnc", existing="")
@@ -336,9 +324,6 @@ def linuxcnc_profile() -> str:
 
 
 def _parameters() -> list[str]:
-    """Return the compensation parameters of a FANUC control as delivered: switched on, without a
-    range.
-    """
     axes = (1, 2, 3)
     zero = "".join(f"A{axis}P0" for axis in axes)
     return [

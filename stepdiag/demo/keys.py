@@ -1,6 +1,5 @@
-"""The keyboard of a terminal, read key by key and without waiting. Without a terminal, the bytes of
-standard input are the keys.
-"""
+"""The keyboard of a terminal, read key by key without waiting; without a terminal, the bytes of
+standard input."""
 
 import os
 import select
@@ -12,8 +11,6 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class Keyboard:
-    """Start with no key pressed; ``ended`` is set at the end of the input."""
-
     number: int
     ended: bool = False
 
@@ -28,9 +25,7 @@ class Keyboard:
 
 @contextmanager
 def keyboard() -> Iterator[Keyboard]:
-    """Read single keys while the block runs, and restore the settings of the terminal
-    afterwards.
-    """
+    """Read single keys while the block runs; restore the settings of the terminal afterwards."""
     number = sys.stdin.fileno()
     if not os.isatty(number):
         yield Keyboard(number)

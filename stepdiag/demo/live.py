@@ -1,6 +1,5 @@
-"""``stepdiag demo --live``: the page with a virtual survey that is slow enough to watch, and with
-faults that the viewer causes by a key.
-"""
+"""``stepdiag demo --live``: the page with a slow virtual survey, and faults that the viewer causes
+by a key."""
 
 import json
 import os
@@ -28,9 +27,7 @@ from stepdiag.demo.processes import Talker
 from stepdiag.virtual.base.reserved import reserved_port
 
 LOOK_AT_PAGE_S = 8.0
-"""Time in s for which the operator waits before each setup; meanwhile the page shows the setting
-up.
-"""
+"""Time in s before each setup, in which the page shows the setting up."""
 TOKEN_FILE = "page.token"  # noqa: S105  # its name
 USUAL_PORT = 8420
 GO, END = "\n", "q"
@@ -39,8 +36,7 @@ GO, END = "\n", "q"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Key:
     """The action of a key: a text for the viewer, and the fault of the virtual machine
-    (`stepdiag.virtual`). ``placed``: the fault occurs at the next stop.
-    """
+    (`stepdiag.virtual`). ``placed``: the fault occurs at the next stop."""
 
     does: Message
     kind: str
@@ -50,7 +46,6 @@ class Key:
     placed: bool = False
 
     def order(self, setup: str) -> str:
-        """Return the command to the virtual machine that causes the fault."""
         place = {"setup": setup} if self.placed else {}
         return "fault " + json.dumps(
             {
@@ -87,8 +82,6 @@ KEYS = {
 
 
 class Person(Protocol):
-    """The viewer of the demo."""
-
     def opened(self, address: str, token: str) -> None:
         """Store the address of the page, and the token for its buttons."""
 
@@ -96,14 +89,13 @@ class Person(Protocol):
         """Process an event of the demo."""
 
     def pressed(self) -> str:
-        """Return the key pressed since the last call, empty without one; `END` ends the demo."""
+        """Return the key pressed since the last call, empty without a key; `END` ends the demo."""
 
 
 def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
-    """Run the survey for a viewer until the viewer ends the demo; all files of the survey remain in
-    ``folder``.
+    """Run the survey until the viewer ends the demo; all files stay in ``folder``.
 
-    Raises UsageError for a folder that is not empty, DeviceError or DataError for a failed process.
+    Raises UsageError for a folder with files, DeviceError or DataError for a failed process.
     """
     empty_folder(folder)
     config = write_bench(folder, seed, pace)
@@ -130,9 +122,8 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
 
 @contextmanager
 def page_port() -> Iterator[int]:
-    """Yield the page's usual port; or a free port if another program uses the usual port, or if
-    another demo has reserved it.
-    """
+    """Yield the usual port of the page; or a free port if another program or another demo uses the
+    usual port."""
     with socket.socket(socket.AF_UNIX) as mine, socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -180,9 +171,6 @@ def _cause(key: Key, hall: Talker, setup: str, show: Callable[[Words], None]) ->
 
 
 def _terminal_line(event: dict[str, str]) -> Words:
-    """Return the part of the daemon's messages for the terminal; the page shows the other
-    messages.
-    """
     match event["event"]:
         case "waiting":
             return message("demo-waits", what=event["what"])

@@ -1,6 +1,5 @@
-"""The virtual machine and the daemon as processes; and the person at the control, who starts one
-setup after another and repeats the passes that the daemon requests.
-"""
+"""Virtual machine and daemon as processes, and an operator that starts the setups and repeats
+passes on request of the daemon."""
 
 import sys
 import time
@@ -16,30 +15,25 @@ from stepdiag.demo.processes import Talker, talking
 
 READY_S = 120.0
 SILENCE_S = 120.0
-"""Longest wait for the next message of the daemon, in s."""
+"""Longest time in s until the next message of the daemon."""
 SOLVING_S = 900.0
-"""Longest time in s for solving: the solver has the lowest priority, and on a busy computer it
-mostly waits.
-"""
+"""Longest time in s for solving: the solver has the lowest priority and mostly waits on a busy
+computer."""
 HAND_S = 1.0
-"""Time in s between the last preparation and the start: a person would not start the program within
-the daemon's first milliseconds.
-"""
+"""Time in s between the last preparation and the start: a person does not start the program within
+the daemon's first milliseconds."""
 SETTLED_S = 2.0
-"""Time in s, after the end of the machine's program, for which the daemon must be silent: it has
-then named all missing passes.
-"""
+"""Silence of the daemon in s, after the end of the machine's program, from which all missing passes
+are known."""
 MOST_AGAIN = 20
-"""Largest number of repetitions of a setup: on a quiet computer hardly any pass is repeated; with
-fifteen busy processes per core, six repetitions were not enough.
-"""
+"""Largest number of repetitions of a setup. A quiet computer repeats hardly any pass; with fifteen
+busy processes per core, six repetitions were not enough."""
 LOOK_S = 0.02
 
 
 class Operator:
-    """The person at the control. ``setup`` is the setup that is being driven, empty while the
-    machine waits.
-    """
+    """The operator of the virtual machine. ``setup`` is the setup that is being driven, empty while
+    the machine waits."""
 
     def __init__(self, hall: Talker, survey: Path, *, wait_s: float = 0.0) -> None:
         """Begin without a setup; ``wait_s`` is the time for which the operator reads the page
@@ -56,28 +50,26 @@ class Operator:
 
     @property
     def idle(self) -> bool:
-        """Return whether the machine waits for a start."""
         return self._idle_since > 0.0
 
     def look(self) -> None:
-        """Process an event of the virtual machine."""
         while (event := self._hall.poll()) is not None:
             self.setup = event["setup"]
             self._idle_since = 0.0 if self.setup else time.monotonic()
 
     def hurry(self) -> None:
-        """Start the next setup without further waiting."""
         self._idle_since = self._idle_since and time.monotonic() - self._wait_s
 
     def heard(self) -> None:
-        """Process a message of the daemon: after it, the missing passes must be queried again."""
+        """Process a message of the daemon: the missing passes are read again before the next
+        start."""
         self._asked = False
 
     def start(self, silent_s: float) -> None:
         """Start the next setup if the machine waits for a start. After the last setup, start the
-        setups of the missing passes, once the daemon has been silent for ``silent_s``.
+        setups of the missing passes when the daemon has been silent for ``silent_s``.
 
-        Raises DataError if a setup is still incomplete after it was driven again several times.
+        Raises DataError if a setup is still incomplete after several repetitions.
         """
         if not self.idle or time.monotonic() - self._idle_since < self._wait_s:
             return
@@ -108,7 +100,6 @@ class Operator:
 
 @contextmanager
 def bench(config: Path, folder: Path) -> Iterator[Talker]:
-    """Run the virtual machine while the block runs."""
     command = (
         sys.executable,
         "-P",
@@ -126,9 +117,8 @@ def bench(config: Path, folder: Path) -> Iterator[Talker]:
 
 @contextmanager
 def daemon(survey: Path) -> Iterator[Talker]:
-    """Run the daemon while the block runs, and enter the block when laser and machine are
-    connected; ``ready`` receives the page's address.
-    """
+    """Run the daemon while the block runs; enter the block when laser and machine are connected.
+    ``ready`` receives the address of the page."""
     with talking(
         (sys.executable, "-P", "-m", "stepdiag", "run", str(survey)), errors=True
     ) as recording:

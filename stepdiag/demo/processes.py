@@ -1,6 +1,5 @@
-"""Child processes that print one JSON object per line: the virtual machine and the daemon of the
-demo.
-"""
+"""Child processes of the demo (virtual machine and daemon), which print one JSON object per
+line."""
 
 import json
 import os
@@ -18,9 +17,9 @@ from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import message
 
 END_S = 120.0
-"""Longest time in s for a process to end after it was asked to end."""
+"""Longest time in s for a process to end on request."""
 REMEMBERED = 20
-"""Number of lines of a failed process that its error message shows."""
+"""Number of lines of a failed process in its error message."""
 
 
 @contextmanager
@@ -28,8 +27,7 @@ def ended_in_order() -> Iterator[None]:
     """End the block, and the processes it started, when this process receives SIGTERM or its
     terminal is closed.
 
-    Without this, Python would end at once, and virtual machine and daemon would continue to run
-    alone.
+    By default Python ends at once, and virtual machine and daemon continue to run.
     """
 
     def leave(number: int, _frame: object) -> None:
@@ -58,9 +56,8 @@ class Talker:
     """The last lines of the process, oldest first."""
 
     def next(self, timeout_s: float, what: str) -> dict[str, str]:
-        """Return the next object of the process. Raises DeviceError where the process ends or is
-        silent.
-        """
+        """Return the next object of the process. Raises DeviceError for a process that ends or is
+        silent."""
         try:
             line = self.lines.get(timeout=timeout_s)
         except Empty as silence:
@@ -83,11 +80,10 @@ class Talker:
         return event
 
     def poll(self) -> dict[str, str] | None:
-        """Return the next object that has already arrived, or None without waiting."""
+        """Return the next object that has already arrived, otherwise None."""
         return None if self.lines.empty() else self.next(1.0, "process")
 
     def say(self, text: str) -> None:
-        """Send a line to the process."""
         if self.process.stdin is not None:
             self.process.stdin.write(f"{text}\n")
             self.process.stdin.flush()
@@ -95,10 +91,9 @@ class Talker:
 
 @contextmanager
 def talking(command: Sequence[str], *, errors: bool) -> Iterator[Talker]:
-    """Run a process and read its lines, from standard error for the daemon and from standard output
-    for the bench. The process ends together with the thread that started it, even if the program of
-    this thread is killed.
-    """
+    """Run a process and read its lines: the daemon's from standard error, the bench's from standard
+    output. The process ends together with the thread that started it, even if this program is
+    killed."""
     process = subprocess.Popen(
         ("setpriv", "--pdeathsig", "TERM", *command),
         stdin=subprocess.PIPE,

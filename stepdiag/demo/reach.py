@@ -1,6 +1,5 @@
-"""Remaining error with each form of compensation after the same survey: the files of each form are
-loaded by the law of its control, and the machine is judged at unmeasured points.
-"""
+"""Error after each form of compensation of the same survey, judged at unmeasured points by the law
+of each control."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -32,8 +31,6 @@ ACCEPTED = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """A form of compensation: its usual name, its control and profile."""
-
     name: Message
     control: Control
     profile: str
@@ -68,9 +65,8 @@ FORMS = (
 
 
 def exported(folder: Path, result: Result) -> Iterator[tuple[Form, Sequence[Path]]]:
-    """Write the files of every form of compensation into ``folder``, and yield the active files of
-    each form. The files that the profiles name lie beside ``folder``.
-    """
+    """Write the files of every form of compensation into ``folder``; yield the active files of each
+    form. The files that the profiles contain are beside ``folder``."""
     for number, form in enumerate(FORMS, start=1):
         path = folder.parent / f"reach-{number}-{form.control}.toml"
         path.write_text(form.profile, encoding="utf-8")

@@ -1,7 +1,6 @@
-"""Many machines over years: an archive of finished surveys, the changes and their times, and the
-old logs solved again.
+"""An archive of finished surveys of many machines: changes, their times, and old logs solved again.
 
-In: folders of finished surveys. Out: a store of files (a folder, or anything fsspec opens), and its
-contents as tables, JSON and a page. No part of this package runs while a machine is measured. The
-package needs the extra ``stepdiag[fleet]``; only functions of `cli` import it.
+The archive is a store of files: a folder, or an address that fsspec opens. The package needs the
+extra ``stepdiag[fleet]``, never runs during a measurement, and is imported only by functions of
+`cli`.
 """

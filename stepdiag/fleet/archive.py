@@ -1,6 +1,5 @@
-"""Archiving of finished surveys in the store: a survey is packed, copied, read back, and only then
-listed.
-"""
+"""Archiving of finished surveys: a survey is packed, copied into the store, read back, and then
+listed."""
 
 import hashlib
 import shutil
@@ -31,13 +30,10 @@ from stepdiag.fleet.tables import (
 )
 
 MOST_LOOSE = 50
-"""Largest number of surveys outside the index before the index is rebuilt: a query takes about a
-millisecond longer for each.
-"""
+"""Largest number of surveys outside the index; each takes about a millisecond of a query."""
 _ID_DIGITS = 16
 """Number of hexadecimal digits of a survey's name in the store: 64 bits distinguish the logs of any
-fleet.
-"""
+fleet."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,9 +47,8 @@ class Added:
 
 
 def finished_in(folders: Sequence[Path]) -> list[Path]:
-    """Return every folder, at or below the given folders, that holds a result beside its logs.
-    Raises UsageError without such a folder.
-    """
+    """Return every folder, at or below the given folders, with logs and a result. Raises UsageError
+    if there is no such folder."""
     for folder in folders:
         if not folder.is_dir():
             raise UsageError(
@@ -80,9 +75,8 @@ def finished_in(folders: Sequence[Path]) -> list[Path]:
 
 
 def undated(folder: Path) -> str:
-    """Return the message that the time of a finished survey is unknown, because the clock was never
-    set and no time was stated; empty for a known time.
-    """
+    """Return the message that the time of a finished survey is unknown, because the clock of its
+    computer was never set; empty for a known time."""
     result = result_in(folder / RESULT, str(folder / RESULT))
     return next(
         (
@@ -95,11 +89,11 @@ def undated(folder: Path) -> str:
 
 
 def add(folder: Path, store: Store) -> Added:
-    """Archive a finished survey. If the store already contains the survey, nothing is written.
+    """Archive a finished survey unless the store contains it.
 
-    Raises DataError for an unreadable log or result, or for the same logs in the store with other
-    results; UsageError if the store cannot be written. After an interruption the survey is not
-    listed; the next call completes it.
+    Raises DataError for an unreadable log or result, or if the store contains the same logs with
+    another result. Raises UsageError for a store that cannot be written. After an interruption the
+    survey is not listed, and the next call completes it.
     """
     result = result_in(folder / RESULT, str(folder / RESULT))
     logs = [log for log in logs_in(folder) if log.suffix == ".mcap"]
@@ -130,16 +124,14 @@ def add(folder: Path, store: Store) -> Added:
 
 def put_table(store: Store, place: Place, files: Mapping[str, str], table: bytes) -> None:
     """Write the list of a survey's files, and then the table that makes the survey part of the
-    store.
-    """
+    store."""
     store.write_checked(place.listed, manifest_of(place, files, sha256(table)))
     store.write_checked(place.table, table)
 
 
 def _content_of(log: bytes) -> str:
     """Return the digest of the records in a log: the bytes of a packed log differ between
-    computers.
-    """
+    computers."""
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "there.mcap"
         file.write_bytes(log)
@@ -148,9 +140,9 @@ def _content_of(log: bytes) -> str:
 
 def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
     """Rebuild the index if more than ``most_loose`` surveys are outside it; return the number of
-    rows of the new index, 0 if the index was not rebuilt.
+    rows of the new index, 0 without a new index.
 
-    If two writers work at once, the index of the last writer stays; surveys that this index lacks
+    If two writers work at once, the index of the last writer stays. Surveys that this index lacks
     are read from their own tables.
     """
     places = store.tables()
@@ -188,9 +180,6 @@ def _indexed(store: Store, surveys: int) -> tuple[pa.Table | None, set[str]]:
 
 
 def _name_of(logs: Sequence[Path]) -> str:
-    """Return the name of a survey in the store, computed from all records of its logs, packed or
-    not. Raises DataError for a damaged log.
-    """
     sums = [digest(log) for log in logs]
     for log, each in zip(logs, sums, strict=True):
         if not each:
@@ -204,13 +193,10 @@ def _name_of(logs: Sequence[Path]) -> str:
 
 
 def name_of_logs(digests: Sequence[str]) -> str:
-    """Return the name of the survey whose logs have these digests."""
     return hashlib.sha256("".join(sorted(digests)).encode()).hexdigest()[:_ID_DIGITS]
 
 
 class _Files:
-    """The files of a folder, in the order of their names, read one at a time."""
-
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
@@ -248,9 +234,6 @@ def _belongs(path: Path, folder: Path) -> bool:
 
 
 def _require_same(store: Store, place: Place, hashes: dict[str, str]) -> None:
-    """Raise DataError where the store contains the same logs with another result; equal names mean
-    equal logs.
-    """
     if store.listed(place).files[RESULT] != hashes.get(RESULT):
         raise DataError(
             f"{store.address}: {place.folder}/{RESULT}",

@@ -1,9 +1,11 @@
-"""The chain of custody through a store: index -> table -> result -> logs, and from there as in a
-folder (`certificate.custody`).
+"""The chain of custody through a store: index, table, result, logs; from there as in a folder
+(`certificate.custody`).
 
-index        each point of the survey is the one that its table gives table        names its result
-by SHA-256; its numbers are those of the result, its bytes those that were archived result, logs the
-files that were archived, by SHA-256; the survey is named after its logs
+    index           each row of a survey is equal to the row in the table of the survey
+    table           contains the SHA-256 of its result and has the numbers of this result; its
+                    bytes are those that were archived (SHA-256)
+    result, logs    are the files that were archived (SHA-256); the name of the survey follows
+                    from its logs
 """
 
 import tempfile
@@ -46,8 +48,7 @@ from stepdiag.fleet.tolerances import tolerances_in
 
 def check(store: Store) -> Iterator[tuple[str, Message]]:
     """Read every byte of a store; yield (file or folder, its first broken link) for every change
-    since writing.
-    """
+    since it was written."""
     tables: dict[str, pa.Table] = {}
     for place in store.tables():
         with tempfile.TemporaryDirectory() as scratch:
@@ -65,10 +66,10 @@ def check(store: Store) -> Iterator[tuple[str, Message]]:
 
 
 def verify_in_store(certificate: Path, address: str) -> Verified:
-    """Return whether a certificate follows from a store, and the first broken link.
+    """Verify a certificate against a store; return the outcome with the first broken link.
 
-    A store does not contain the laboratory's file; this file is read from the folder of the
-    certificate. Raises DataError for a file that is not a certificate, UsageError for an address
+    The laboratory's file is read from the folder of the certificate, because a store does not
+    contain it. Raises DataError for a file that is not a certificate, UsageError for an address
     that is not a store.
     """
     root, store = parsed(read_bytes(certificate), certificate.name), Store(address)
@@ -96,9 +97,6 @@ def verify_in_store(certificate: Path, address: str) -> Verified:
 
 
 def _fetched(store: Store, place: Place, folder: Path) -> pa.Table:
-    """Copy the files of a survey out of the store and check the hash of each; return the table of
-    the survey. Raises BrokenLinkError for the first broken link.
-    """
     folder.mkdir()
     try:
         data = store.read(place.table)
@@ -124,8 +122,8 @@ def _fetched(store: Store, place: Place, folder: Path) -> pa.Table:
 
 
 def _require_table(place: Place, data: bytes, result: bytes) -> pa.Table:
-    """Return a survey's table. Raises BrokenLinkError where the table does not follow from its
-    result.
+    """Return the table of a survey. Raises BrokenLinkError for a table that does not follow from
+    its result.
 
     If the same library version wrote the table, its bytes are compared too, because readers also
     use the statistics and the names of the columns.

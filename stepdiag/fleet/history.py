@@ -1,6 +1,4 @@
-"""The quantities of the machines in a store over time: from the index, and from the tables that the
-index does not contain.
-"""
+"""The quantities of the machines in a store over time, from the index and the tables outside it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -31,19 +29,18 @@ from stepdiag.fleet.tables import PLACE, index_of, read_index, read_table
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """Every series of a store, by machine and quantity, and the surveys or tables that are in no
-    series.
-    """
+    """Every series of a store by machine and quantity, and the surveys or tables outside all
+    series."""
 
     series: tuple[Series, ...]
     left_out: tuple[LeftOut, ...]
 
 
 def history_in(store: Store, now: datetime, machine: str = "", software: str = "") -> History:
-    """Return every quantity over time, by machine and name: from the archived results, or from
-    results solved again by ``software``.
+    """Return every quantity over time by machine and name, from the archived results or from the
+    results that ``software`` solved again.
 
-    A damaged table is left out and named. Raises DataError for a store without series.
+    A damaged table is left out and reported. Raises DataError for a store without series.
     """
     places = store.tables()
     wanted = [
@@ -67,9 +64,6 @@ def history_in(store: Store, now: datetime, machine: str = "", software: str = "
 def _wanted_rows(
     store: Store, wanted: Sequence[Place], surveys: int
 ) -> tuple[pa.Table, list[LeftOut]]:
-    """Return the rows of the requested surveys, from the index or else from their own tables; and
-    the damaged tables.
-    """
     left_out: list[LeftOut] = []
     folders = {place.folder for place in wanted}
     parts, held = [], set()
@@ -107,8 +101,6 @@ def _wanted_rows(
 
 
 class _Columns:
-    """The columns of the index as arrays; texts are stored as numbers."""
-
     def __init__(self, table: pa.Table) -> None:
         self.words: dict[str, list[str]] = {}
         self.codes: dict[str, NDArray[np.int64]] = {}
@@ -138,8 +130,7 @@ class _Columns:
 
     def nodes(self, rows: NDArray[np.int64]) -> tuple[Array, Array, Array] | None:
         """Return positions, values and uncertainties, shapes (nodes,) and (rows, nodes), if all
-        rows have the same nodes, otherwise None.
-        """
+        rows have the same nodes, otherwise None."""
         _, begins = self.lists["values"]
         counts = begins[rows + 1] - begins[rows]
         if np.any(counts != counts[0]):
@@ -156,22 +147,19 @@ class _Columns:
         return (positions[0], values, us) if np.all(positions == positions[0]) else None
 
     def lists_of(self, name: str, rows: NDArray[np.int64]) -> list[Array]:
-        """Return the list of numbers that each row has in a column."""
         flat, begins = self.lists[name]
         return [flat[begins[row] : begins[row + 1]].astype(float) for row in rows]
 
     def of(self, name: str, row: int) -> str:
-        """Return the text that a row has in a column."""
         return self.words[name][int(self.codes[name][row])]
 
 
 def _flat(column: pa.ListArray) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the numbers of a column of lists, and the beginning of each list."""
     return column.values.to_numpy(), column.offsets.to_numpy().astype(np.int64)
 
 
 def history_of(table: pa.Table, now: datetime) -> History:
-    """Return the series in a table of `INDEX_SCHEMA`, and the surveys that are in no series."""
+    """Return the series in a table of `INDEX_SCHEMA`, and the surveys outside all series."""
     columns = _Columns(table)
     rank = {
         name: np.argsort(np.argsort(columns.words[name])) for name in ("machine", "quantity")
@@ -190,7 +178,6 @@ def history_of(table: pa.Table, now: datetime) -> History:
 
 
 def _surveys(columns: _Columns, rows: NDArray[np.int64]) -> dict[int, Survey]:
-    """Return the surveys of a machine, oldest first, by the number that represents their folder."""
     places, firsts = np.unique(columns.codes[PLACE][rows], return_index=True)
     found: dict[int, Survey] = {}
     for place, row in sorted(
@@ -216,7 +203,6 @@ def _of_machine(
     quantity: NDArray[np.int64],
     groups: Groups,
 ) -> Iterator[Series]:
-    """Yield the series of a machine, sorted by the name of the quantity."""
     place = columns.codes[PLACE]
     inside = [np.isin(place[rows], list(surveys)) for surveys, _ in groups]
     for mine in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(quantity[rows])) + 1):
@@ -240,7 +226,6 @@ def _series(
     surveys: tuple[Survey, ...],
     why: Message | None,
 ) -> Series:
-    """Return the series of a quantity over comparable surveys, at their common nodes."""
     shown = columns.shown[rows]
     alike = columns.nodes(rows)
     nodes, at, u = alike or _at_common_nodes(
@@ -265,11 +250,11 @@ def _series(
 def _at_common_nodes(
     positions: list[Array], values: list[Array], us: list[Array]
 ) -> tuple[Array, Array, Array]:
-    """Return a function over its surveys, at those nodes of the coarsest survey that all other
-    surveys cover: the coarsest survey has no values between its nodes.
+    """Return a function over its surveys at the nodes of the coarsest survey that all other surveys
+    cover.
 
-    The values are relative to the line through the end points of this range: surveys over other
-    parts of the travel have another zero and another line.
+    The values are relative to the line through the end points of this range, because surveys over
+    other parts of the travel have another zero and another line.
     """
     coarsest = min(positions, key=len)
     low, high = (

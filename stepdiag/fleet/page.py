@@ -1,8 +1,8 @@
-"""The page of a fleet: the sheet of `report`, made again when the store changes. Only this computer
-can reach the page, unless a host is named.
+"""The page of a fleet: the sheet of `report`, computed again after each change of the store. Only
+this computer can open the page, unless the command names a host.
 
-A browser sends the token once, in the address that the command prints, and then uses a cookie; a
-program sends the token with each request.
+A browser sends the token once, in the address that the command prints, and then a cookie. A program
+sends the token with each request.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -43,14 +43,13 @@ LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 
 class Sheets:
-    """The sheets that the page shows, computed once for all visitors until the store changes."""
+    """The sheets of the page, computed once for all visitors until the store changes."""
 
     def __init__(
         self, state: Callable[[], Hashable], trends: Callable[[], Found], source: str
     ) -> None:
-        """Set the sources of the sheets: ``state`` returns a value that changes with every change
-        of the store, ``trends`` reads the store.
-        """
+        """``state`` returns a value that differs after every change of the store; ``trends`` reads
+        the store."""
         self._state, self._trends, self._source = state, trends, source
         self._lock = Lock()
         self._of: Hashable = None
@@ -58,7 +57,6 @@ class Sheets:
         self._sheet: Callable[[Language], str] = lambda _: ""
 
     def found(self) -> Found:
-        """Return the trends of the store. Raises the errors of reading the store."""
         with self._lock:
             state = self._state()
             if state != self._of:
@@ -70,7 +68,6 @@ class Sheets:
             return self._found
 
     def sheet(self, language: Language) -> str:
-        """Return the sheet of the fleet in a language."""
         self.found()
         with self._lock:
             return self._sheet(language)
@@ -79,9 +76,8 @@ class Sheets:
 def create_app(
     sheets: Sheets, language: Language, token: str, names: tuple[str, ...] = LOOPBACK
 ) -> Starlette:
-    """Return the application of the page for holders of the token. ``names`` are the host names at
-    which the page answers; other names are refused because of DNS rebinding.
-    """
+    """Return the application of the page for holders of the token. ``names`` are the permitted host
+    names; any other name is refused because of DNS rebinding."""
     access = Access(token, lambda _address, _count: None)
 
     def answering(make: Callable[[Request], Response]) -> Callable[[Request], object]:
@@ -127,14 +123,12 @@ def create_app(
 
 
 def serve(app: Starlette, host: str, port: int) -> None:
-    """Serve the page until Ctrl-C."""
     uvicorn.run(app, host=host, port=port, log_level="warning", server_header=False)
 
 
 async def _let_in(request: Request, access: Access) -> Response:
-    """Return the redirection for a browser with the right token: to the same page, without the
-    token in the address, and with a cookie.
-    """
+    """Return the redirection for a browser with the right token: to the same page without the token
+    in the address, with a cookie."""
     if not await access.is_token(request, request.query_params["token"]):
         return _plain(message("wrong-token"), 401)
     answer = RedirectResponse(

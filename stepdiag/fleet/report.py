@@ -1,6 +1,5 @@
-"""All machines of a store on one HTML sheet: a small chart per machine, worst first, without any
-request to the network.
-"""
+"""All machines of a store on one HTML sheet without network requests: a small chart per machine,
+the worst machine first."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,9 +16,8 @@ from stepdiag.report.drawings.figure import data_link
 from stepdiag.texts.texts import UNITS, Language, catalogue, localised
 
 NEAR_PX = 5.0
-"""Largest distance in px between a pointer and a survey's dot at which the value of the survey is
-shown.
-"""
+"""Largest distance in px between the pointer and a survey's dot at which the value of the survey
+appears."""
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 300.0, 120.0, 34.0, 6.0, 8.0, 18.0
 STYLE = """
 body{font:14px/1.4 system-ui,sans-serif;margin:1.5rem;color:#1b1f24;background:#fff}
@@ -36,8 +34,7 @@ svg{width:100%;height:auto}text{font:9px system-ui,sans-serif;fill:#57606a}
 
 def worst_first(trends: Sequence[Trend]) -> list[tuple[str, list[Trend]]]:
     """Return the machines with their series: first the machines outside a tolerance, then the
-    others by volumetric error; machines with equal errors by name.
-    """
+    others by volumetric error, then by name."""
     machines: dict[str, list[Trend]] = {}
     for each in trends:
         machines.setdefault(each.series.machine, []).append(each)
@@ -48,7 +45,7 @@ def worst_first(trends: Sequence[Trend]) -> list[tuple[str, list[Trend]]]:
 def fleet_html(
     trends: Sequence[Trend], source: str, language: Language, left_out: Sequence[LeftOut] = ()
 ) -> str:
-    """Return the sheet of a fleet. ``source`` names the store."""
+    """Return the sheet of a fleet; ``source`` is the name of the store."""
     words = catalogue("fleet", language)
     machines = worst_first(trends)
     times = [each.series.surveys[at].time for each in trends for at in (0, -1)]
@@ -68,7 +65,6 @@ def fleet_html(
 def _left_out(
     left_out: Sequence[LeftOut], words: Mapping[str, str], language: Language
 ) -> str:
-    """Return the surveys that are in no series, each with the reason."""
     if not left_out:
         return ""
     rows = "".join(
@@ -116,9 +112,6 @@ def _card(
 
 
 def _picture_lines(trend: Trend, words: Mapping[str, str], language: Language) -> list[str]:
-    """Return the lines below the chart of a machine: changes, undecided series, and the times of
-    leaving the tolerance.
-    """
     unit = UNITS[trend.series.unit]
     name = trend.series.quantity
     if trend.series.other is not None:
@@ -230,9 +223,6 @@ def _chart(
 
 
 def _survey_label(trend: Trend, point: Point, language: Language) -> str:
-    """Return the text for a survey's dot under the pointer: day and name of the survey, its figure
-    with U.
-    """
     expanded = "" if point.u is None else f" ± {svg.fixed(2 * point.u)}"
     if math.isfinite(point.low):
         expanded = f" ({svg.fixed(point.low)} – {svg.fixed(point.high)})"

@@ -1,11 +1,10 @@
-"""Every archived survey is solved again by the present solver: one task per survey. The new result
-is stored beside the old result.
+"""Solving of every archived survey again with the present solver, one task per survey. The new
+result is stored beside the old result.
 
-The tasks run in processes of this computer, connected by pipes without ports, or on the workers of
-a Dask scheduler, connected by TLS with certificates on both sides. A scheduler runs any code from a
-client, so without certificates every account of the computer could control it. If a worker is lost,
-another worker takes over its task. After an interruption, a new run solves only the missing
-surveys. Without a change of software the bytes of the results are equal, which is a self-test.
+The tasks run in processes of this computer, connected by pipes, or on the workers of a Dask
+scheduler, connected by TLS with certificates on both sides: a scheduler runs any code of a client.
+If a worker is lost, another worker takes its task. After an interruption, a new run solves only the
+missing surveys. The same software gives the same bytes, so a run is also a self-test.
 """
 
 import json
@@ -44,26 +43,22 @@ from stepdiag.fleet.tables import table_of, to_parquet
 from stepdiag.walls.confine import die_with_parent
 
 IN_FLIGHT = 200
-"""Number of surveys that are in the scheduler at a time; the limit keeps its memory independent of
-the size of the store.
-"""
+"""Largest number of surveys in the scheduler, which limits its memory for a store of any size."""
 RETRIES = 3
-"""Number of repetitions for a survey whose worker, or whose store, was lost."""
+"""Number of repetitions for a survey after the loss of its worker or of the store."""
 ROUNDING = 0.002
 """Tolerance (um, urad, um/m) between two results of the same readings: a larger difference exceeds
-the last written digit.
-"""
+the last written digit."""
 WORKER_MEMORY = 2 * 10**9
-"""Largest memory of a worker of this computer in bytes."""
+"""Largest memory in bytes of a worker on this computer."""
 PATIENCE_S = 20
-"""Longest time to reach the scheduler in s."""
+"""Longest time in s to reach the scheduler."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solved:
-    """The outcome of solving a survey again. ``changed`` holds the changed figures. ``reason`` is
-    the reason for a missing result, or the survey file that replaced the one in the logs.
-    """
+    """The outcome of solving a survey again. ``changed`` contains the changed figures. ``reason``
+    is the reason of a missing result, or the survey file that replaced the one in the logs."""
 
     place: Place
     outcome: Literal["the same bytes", "solved anew", "failed"]
@@ -71,7 +66,6 @@ class Solved:
     reason: Words = ""
 
     def as_json(self) -> dict[str, Any]:
-        """Return the outcome as JSON types, for programs."""
         return {
             "survey": self.place.folder,
             "outcome": self.outcome,
@@ -81,7 +75,7 @@ class Solved:
 
 
 def open_surveys(store: Store, machine: str = "") -> list[Place]:
-    """Return the archived surveys that this version of the software has not solved yet."""
+    """Return the archived surveys that this version of the software has not solved."""
     known = store.tables()
     done = {
         (each.machine, each.survey) for each in known if each.software == software().version
@@ -92,9 +86,7 @@ def open_surveys(store: Store, machine: str = "") -> list[Place]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scheduler:
-    """A Dask scheduler, ``tls://HOST:PORT``, and the certificate files (PEM) by which both sides
-    prove their identity.
-    """
+    """A Dask scheduler, ``tls://HOST:PORT``, and the certificate files (PEM) of both sides."""
 
     address: str
     ca: Path
@@ -102,9 +94,8 @@ class Scheduler:
     key: Path
 
     def connected(self) -> Client:
-        """Return a client of the scheduler. Raises DeviceError if the scheduler cannot be reached,
-        or has another identity.
-        """
+        """Return a client of the scheduler. Raises DeviceError if the scheduler cannot be reached
+        or has another identity."""
         try:
             security = Security(
                 require_encryption=True,
@@ -123,11 +114,10 @@ class Scheduler:
 def resolve(
     store: Store, places: Sequence[Place], by: int | Scheduler, *, survey: str = ""
 ) -> Iterator[Solved]:
-    """Solve surveys again ``by`` a number of processes of this computer, or on a scheduler's
-    workers; yield each finished survey.
+    """Solve surveys again in ``by`` processes of this computer or on the workers of a scheduler;
+    yield each finished survey.
 
     ``survey`` is the text of a survey file that replaces unreadable survey files in the logs.
-
     Raises DeviceError if the scheduler cannot be reached.
     """
     if isinstance(by, int):
@@ -165,7 +155,6 @@ def resolve(
 def _solved_here(
     store: Store, places: Sequence[Place], workers: int, survey: str
 ) -> Iterator[Solved]:
-    """Solve surveys on several threads of this computer; each thread waits for its own process."""
     lanes: SimpleQueue[_Lane] = SimpleQueue()
     for _ in range(workers):
         lanes.put(_Lane())
@@ -193,13 +182,11 @@ def _in_a_lane(
 
 
 class _Lane:
-    """Start a new process after the loss of one, and begin its survey again."""
-
     def __init__(self) -> None:
         self._process: ProcessPoolExecutor | None = None
 
     def solve(self, address: str, place: Place, survey: str) -> Solved:
-        """Solve a survey; if every process that solves this survey ends, the survey has failed."""
+        """Solve a survey. If every process for this survey ends, the outcome is a failure."""
         for _ in range(1 + RETRIES):
             if self._process is None:
                 self._process = ProcessPoolExecutor(
@@ -212,7 +199,6 @@ class _Lane:
         return _lost(place)
 
     def close(self) -> None:
-        """End the process of this thread."""
         if self._process is not None:
             self._process.shutdown()
             self._process = None
@@ -235,9 +221,6 @@ def _lost(place: Place) -> Solved:
 
 
 def _outcome(future: Any, place: Place) -> Solved:
-    """Return the outcome of a task. If every worker that solves the survey ends, the survey has
-    failed, and the run continues.
-    """
     try:
         solved: Solved = future.result()
     except KilledWorker:
@@ -249,8 +232,7 @@ def solve_anew(
     address: str, at: tuple[str, str, str, str] | Place, survey: str = ""
 ) -> Solved:
     """Solve a survey of a store again and write the new result into the store; a failure is
-    returned as an outcome, not raised.
-    """
+    returned as an outcome, not raised."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     place, store = Place(*at), Store(address)
     with tempfile.TemporaryDirectory() as scratch:
@@ -277,8 +259,8 @@ def solve_anew(
 
 
 def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | None:
-    """Return a file with the survey that replaces the unreadable survey file in a log. None if the
-    survey file in the log is readable: it then describes how the survey was driven.
+    """Return a file with the survey that replaces an unreadable survey file in a log; None if the
+    survey file in the log is readable.
 
     Raises UsageError for an invalid survey, DataError for a survey of another machine.
     """
@@ -297,9 +279,6 @@ def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | Non
 
 
 def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
-    """Write the new result and the table of its numbers; return the figures that differ by more
-    than rounding from the old result of the same readings.
-    """
     after = parse_result(new, RESULT)
     here = place._replace(software=after.software.version)
     store.write_checked(f"{here.folder}/{RESULT}", new.encode("utf-8"))
@@ -319,9 +298,6 @@ def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
 
 
 def _fetched(store: Store, place: Place, folder: Path) -> Path:
-    """Copy logs, statements and result of a survey out of the store, each compared with its
-    hash.
-    """
     archived = store.listed(place).files
     folder.mkdir()
     for name in (
@@ -342,5 +318,4 @@ def _fetched(store: Store, place: Place, folder: Path) -> Path:
 
 
 def as_json(solved: Sequence[Solved]) -> str:
-    """Return the outcomes of all surveys as JSON types, for programs."""
     return json.dumps([each.as_json() for each in solved], indent=2)

@@ -1,6 +1,5 @@
 """A result as a table: each row has one number and its uncertainty, with the same columns for every
-quantity.
-"""
+quantity."""
 
 import json
 from collections.abc import Iterator
@@ -19,8 +18,7 @@ from stepdiag.conclusion.intervals import reach_in
 
 RMS, LARGEST = "volumetric-rms", "volumetric-largest"
 """Names of the volumetric errors without rigid motion, over the volume of the survey (contract 4,
-``predicted``).
-"""
+``predicted``)."""
 SCALE = "scale-"
 _MOMENT = "%Y-%m-%d %H:%M UTC"
 
@@ -28,11 +26,11 @@ _MOMENT = "%Y-%m-%d %H:%M UTC"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
     """A number of a result. ``axis`` is the moving axis, empty for a squareness. ``u`` is the
-    standard uncertainty (``k`` = 1), None if not stated.
+    standard uncertainty (k = 1), None if unknown.
 
-    ``u_common`` is the part of ``u`` common to all surveys with the same instruments. ``low`` and
-    ``high`` are the ends (k = 2) of a skewed interval; ``u`` is then a quarter of the width of the
-    interval.
+    ``u_common`` is the part of ``u`` that is common to all surveys with the same instruments.
+    ``low`` and ``high`` are the ends (k = 2) of a skewed interval; ``u`` is then a quarter of the
+    width of the interval.
     """
 
     quantity: str
@@ -49,9 +47,8 @@ class Row:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class About:
-    """The columns that are equal in all rows of a result; ``event`` names an event at the machine
-    before the survey, ``conditions`` is JSON.
-    """
+    """The columns with equal values in all rows of a result; ``event`` is an event at the machine
+    before the survey, ``conditions`` is JSON."""
 
     machine: str
     survey: str
@@ -64,8 +61,7 @@ class About:
 
 def about(result: Result, survey: str) -> About:
     """Return the facts about a result for its rows; ``survey`` is the name of the survey in the
-    archive. Raises DataError where machine or time is missing.
-    """
+    archive. Raises DataError for a missing machine or time."""
     facts = result.survey or Facts()
     if not facts.machine.strip():
         raise DataError(
@@ -86,9 +82,8 @@ def about(result: Result, survey: str) -> About:
 
 
 def rows_of(result: Result) -> Iterator[Row]:
-    """Yield the rows of every number that the result identifies: functions, squareness, scale,
-    volumetric error.
-    """
+    """Yield a row for every number that the result identifies: functions, squareness, scale,
+    volumetric error."""
 
     def common(name: str, u: float | None) -> float | None:
         return (
@@ -184,9 +179,6 @@ def _time(facts: Facts, source: str) -> datetime:
 
 
 def _conditions(result: Result, facts: Facts) -> dict[str, Any]:
-    """Return the conditions of a result: the extremes of the sensors, the active compensation (the
-    beginning of its hashes), and the facts for comparisons.
-    """
     hashes = sorted(each.sha256[:12] for each in facts.active_files)
     return {
         "sensors": written(result.conditions or Conditions()),

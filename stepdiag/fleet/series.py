@@ -1,4 +1,4 @@
-"""A quantity of a machine over time, and the choice of the surveys that can be compared."""
+"""A quantity of a machine over time, and the selection of comparable surveys."""
 
 import json
 import math
@@ -16,20 +16,18 @@ from stepdiag.fleet.rows import LARGEST, RMS
 
 Array = NDArray[np.float64]
 EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)
-"""Oldest possible time of a survey: a clock that was never set shows 1970 or 1980."""
+"""Oldest possible time of a survey: a clock that was never set gives 1970 or 1980."""
 AHEAD = timedelta(days=2)
-"""A survey with a later time than this after now has a wrong date; the tolerance allows for another
-time zone and a slow clock.
-"""
+"""Largest lead of a survey's time over the present time: another time zone or a slow clock causes a
+smaller lead; a larger lead is a wrong date."""
 OF_VOLUME = (RMS, LARGEST)
 """Quantities that depend on the size of the measured volume."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
-    """One survey; ``active`` are the hashes of the loaded tables, ``standing`` decides with which
-    other surveys this survey is compared.
-    """
+    """One survey. ``active`` contains the hashes of the loaded tables; ``standing`` decides which
+    other surveys are comparable."""
 
     time: datetime
     name: str
@@ -40,9 +38,8 @@ class Survey:
 
 
 class Point(NamedTuple):
-    """The figure of a quantity in a survey, as a person reads it. ``u`` is None if no uncertainty
-    is stated; ``low`` and ``high`` are NaN for a symmetric interval.
-    """
+    """The figure of a quantity in a survey. ``u`` is None if no uncertainty is known; ``low`` and
+    ``high`` are NaN for a symmetric interval."""
 
     survey: Survey
     value: float
@@ -52,13 +49,11 @@ class Point(NamedTuple):
 
     @property
     def time(self) -> datetime:
-        """Return the time at which the survey ended."""
         return self.survey.time
 
     def interval(self) -> tuple[float, float]:
         """Return the least and the largest magnitude of the figure at k = 2; both are the magnitude
-        of the value if no uncertainty is stated.
-        """
+        of the value if no uncertainty is known."""
         if math.isfinite(self.low) and math.isfinite(self.high):
             return self.low, self.high
         expanded = 2 * (self.u or 0.0)
@@ -71,8 +66,8 @@ class Series:
     shapes (surveys, nodes), NaN for missing values.
 
     ``common`` is the share of u that is common to surveys with the same instruments. ``shown``
-    holds the figures as a person reads them: value, u, low, high. ``other`` is the reason why these
-    surveys are separate from the others of the machine, None for the surveys that are compared.
+    contains the figures for people: value, u, low, high. ``other`` is the reason why these surveys
+    are separate from other surveys of the machine, None for the compared surveys.
     """
 
     machine: str
@@ -88,18 +83,16 @@ class Series:
 
     @property
     def points(self) -> tuple[Point, ...]:
-        """Return the figure of each survey."""
         return tuple(map(self.point, range(len(self.surveys))))
 
     def point(self, number: int) -> Point:
-        """Return the figure of the survey with this number."""
         value, u, low, high = self.shown[number].tolist()
         return Point(self.surveys[number], value, None if np.isnan(u) else u, low, high)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeftOut:
-    """A survey that is in no series, and the reason for this."""
+    """A survey outside all series, and the reason."""
 
     machine: str
     name: str
@@ -109,8 +102,7 @@ class LeftOut:
 
 def stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
     """Return the hashes of the active tables and the facts of the result, from the conditions of a
-    row; empty for missing parts or parts of another type.
-    """
+    row; empty for missing parts or parts of another type."""
     try:
         stated = json.loads(conditions)
         active = stated.get("active", [])
@@ -129,9 +121,6 @@ def stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
 
 
 def _typed(value: Any, usual: Any) -> Any:
-    """Return a value if it has the type of the default value, otherwise the default; a list becomes
-    a tuple.
-    """
     if isinstance(usual, tuple):
         return (
             tuple(value)
@@ -148,9 +137,8 @@ Groups = list[tuple[dict[int, Survey], Message | None]]
 def parted(
     machine: str, surveys: Mapping[int, Survey], now: datetime
 ) -> tuple[Groups, list[LeftOut]]:
-    """Return groups of surveys that can be compared, the group of the newest survey first, and the
-    surveys in no group.
-    """
+    """Return groups of comparable surveys, the group of the newest survey first, and the surveys
+    outside all groups."""
     kept: dict[int, Survey] = {}
     left_out = []
     for key, each in surveys.items():
@@ -182,16 +170,15 @@ def _doubt(survey: Survey, now: datetime) -> Message | None:
 
 
 def middle_of(shown: Array) -> Array:
-    """Return the figures to compare, shape (surveys, 1): the middle of an interval, or the figure
-    as shown (value, u, low, high) if it has none."""
+    """Return the figures for the comparison, shape (surveys, 1): the middle of an interval, or
+    without an interval the figure (value, u, low, high)."""
     middle = shown[:, 2:].mean(axis=1)
     return np.where(np.isfinite(middle), middle, shown[:, 0])[:, None]
 
 
 def by_volume(series: Series) -> Iterator[Series]:
-    """Yield the series of a volumetric figure separately for each measured volume, the series of
-    the newest survey first.
-    """
+    """Yield the series of a volumetric figure, one per measured volume, the series of the newest
+    survey first."""
     left = list(range(len(series.surveys)))
     newest = series.surveys[-1].standing
     while left:

@@ -1,4 +1,4 @@
-"""The store: files below a folder, on a network share or in a bucket; each file is written
+"""The store: files below a folder, on a network share or in a bucket. Each file is written
 completely, once, and never changed.
 
     stepdiag-store.json                            which layout
@@ -7,12 +7,11 @@ completely, once, and never changed.
     machine=<id>/year=<y>/<survey>@<software>/...  solved again, with its .parquet
     series.index                                   all figures, for speed
 
-Every byte behind a figure belongs to a hash that is compared: `archived.json` holds the hashes of
-the survey's files and of its parquet table, in a canonical form, so that no byte of it can change
-unnoticed; the index begins with the hash of its remaining bytes.
+A hash protects every byte behind a figure. `archived.json` contains the hashes of the survey's
+files and of its table in a canonical form, so every changed byte of this file is detected. The
+index begins with the hash of its remaining bytes.
 
-Two writers at once do not disturb each other: they write under different names, and rename. Names
-of machines are percent-encoded.
+Two writers at once write under different names, and rename. Names of machines are percent-encoded.
 """
 
 import hashlib
@@ -40,9 +39,8 @@ MARK, INDEX, LISTED = "stepdiag-store.json", "series.index", "archived.json"
 LISTED_FORMAT, LISTED_VERSION = "stepdiag-archived", 1
 TABLE_SUFFIX = ".parquet"
 LARGEST_JSON_BYTES = 4_000_000
-"""Largest size in bytes of a JSON file: a list of 20,000 names with their hashes. Parsing takes up
-to thirty times as much memory.
-"""
+"""Largest size in bytes of a JSON file: a list of 20,000 names with their hashes. Parsing needs up
+to thirty times as much memory."""
 LARGEST_FILE_BYTES = 4_000_000_000
 """Largest size in bytes of a survey's file, which is copied and hashed piece by piece."""
 _PIECE_BYTES = 1_000_000
@@ -51,13 +49,12 @@ _SHA256 = re.compile("[0-9a-f]{64}")
 
 
 def sha256(data: bytes) -> str:
-    """Return the SHA-256 of bytes in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
 
 
 class Listed(NamedTuple):
-    """The SHA-256 of a survey's files by name, and of its table; empty where an older version of
-    the program wrote no hash."""
+    """The SHA-256 of a survey's files by name, and of its table; empty in stores of older versions
+    without hashes."""
 
     files: dict[str, str]
     table: str
@@ -65,8 +62,7 @@ class Listed(NamedTuple):
 
 class Place(NamedTuple):
     """The place of a survey in the store; ``software`` is the version of the program that solved
-    the survey again, empty for the archived result.
-    """
+    the survey again, empty for the archived result."""
 
     machine: str
     year: str
@@ -86,14 +82,13 @@ class Place(NamedTuple):
 
     @property
     def listed(self) -> str:
-        """Return the path of the list of the survey's files with their hashes."""
+        """Return the path of the list of the survey's files."""
         return f"{self.folder}/{LISTED}"
 
 
 def manifest_of(place: Place, files: Mapping[str, str], table: str) -> bytes:
     """Return the list of a survey's files with their SHA-256; ``table`` is the hash of the survey's
-    table, empty in lists by older versions.
-    """
+    table, empty in lists by older versions."""
     stated = {"table": table} if table else {}
     manifest = {
         "format": LISTED_FORMAT,
@@ -106,14 +101,13 @@ def manifest_of(place: Place, files: Mapping[str, str], table: str) -> bytes:
 
 
 def sealed(data: bytes) -> bytes:
-    """Return bytes preceded by their own hash: in a single file, hash and bytes always come from
-    the same writer.
-    """
+    """Return bytes preceded by their own hash, in a single file so that both come from the same
+    writer."""
     return sha256(data).encode() + b"\n" + data
 
 
 def unsealed(data: bytes, name: str) -> bytes:
-    """Return the bytes after their hash. Raises DataError where hash and bytes differ."""
+    """Return the bytes after their hash. Raises DataError if hash and bytes differ."""
     stated, _, rest = data.partition(b"\n")
     if stated != sha256(rest).encode():
         raise DataError(
@@ -126,14 +120,12 @@ def unsealed(data: bytes, name: str) -> bytes:
 
 
 class Store:
-    """One store. An error of its folder, share or bucket is a UsageError with the name of
-    the file.
-    """
+    """A store. An error of its folder, share or bucket is raised as a UsageError with the name of
+    the file."""
 
     def __init__(self, address: str, *, create: bool = False) -> None:
-        """Open a store: a folder, or an address for fsspec. Raises UsageError where there is no
-        store, or a store of a newer version.
-        """
+        """Open a store: a folder, or an address for fsspec. Raises UsageError if there is no store,
+        or for a store of a newer version."""
         self.address = address
         with refusing(address):
             self._files, root = fsspec.core.url_to_fs(address)
@@ -146,18 +138,16 @@ class Store:
         self._require_known()
 
     def path(self, name: str) -> str:
-        """Return a name within the store in the form of its file system."""
+        """Return a name within the store as a path of its file system."""
         return f"{self.root}/{name}"
 
     def exists(self, name: str) -> bool:
-        """Return whether the store contains a file."""
         with refusing(name):
             return bool(self._files.exists(self.path(name)))
 
     def read(self, name: str, *, largest: int = LARGEST_BYTES) -> bytes:
-        """Return the bytes of a file. Raises DataError, before reading, for a file of more than
-        ``largest`` bytes.
-        """
+        """Return the bytes of a file. Raises DataError for a file of more than ``largest`` bytes,
+        before reading."""
         with refusing(name):
             size = self._files.size(self.path(name))
             if size is not None and size > largest:
@@ -170,9 +160,8 @@ class Store:
             return bytes(self._files.cat_file(self.path(name)))
 
     def copied(self, name: str, target: Path | None = None) -> str:
-        """Return the SHA-256 of a file, read piece by piece; the bytes are copied to ``target``.
-        Raises DataError for a file too large.
-        """
+        """Copy a file piece by piece to ``target``; return its SHA-256. Raises DataError for a file
+        that is too large."""
         found, size = hashlib.sha256(), 0
         with (
             refusing(name),
@@ -193,9 +182,8 @@ class Store:
         return found.hexdigest()
 
     def write(self, name: str, data: bytes, *, anew: bool = True) -> None:
-        """Write a file completely or not at all, synced to the disk on return; unless ``anew``, a
-        file that another writer has written meanwhile is kept.
-        """
+        """Write a file completely or not at all, synced to the disk on return. Unless ``anew``, a
+        file that another writer has written meanwhile stays."""
         target = self.path(name)
         with refusing(name):
             if not self.is_local:
@@ -213,7 +201,7 @@ class Store:
         self, name: str, data: bytes, meaning: Callable[[bytes], str] = sha256
     ) -> bytes:
         """Write a file, read it back and return its bytes. An existing file with the same meaning
-        is kept, unless it is to be replaced.
+        stays, unless it must be replaced.
 
         Raises DataError if the existing file has another meaning, or if other bytes are read back.
         """
@@ -233,9 +221,8 @@ class Store:
         return there
 
     def state(self) -> tuple[object, ...]:
-        """Return a value that changes with every change of the store: the surveys, and the times of
-        index and tolerances.
-        """
+        """Return a value that differs after every change of the store, computed from the surveys
+        and the times of index and tolerances."""
         stamps = []
         for name in (INDEX, "tolerances.toml"):
             with refusing(name):
@@ -247,9 +234,8 @@ class Store:
         return (tuple(self.tables()), *stamps)
 
     def tables(self) -> list[Place]:
-        """Return the place of every complete survey, by machine, year and name; results that were
-        solved again follow the archived result of their survey.
-        """
+        """Return the place of every complete survey by machine, year and name. Results that were
+        solved again follow the archived result of their survey."""
         with refusing(self.address):
             known = (
                 _local_tables(Path(self.root))
@@ -261,9 +247,8 @@ class Store:
         return sorted(map(_place_of_path, map(str, found)))
 
     def json(self, name: str) -> Any:
-        """Return the contents of a JSON file that this program wrote. Raises DataError where the
-        contents are invalid.
-        """
+        """Return the contents of a JSON file of this program. Raises DataError for invalid
+        contents."""
         data = self.read(name, largest=LARGEST_JSON_BYTES)
         try:
             return json.loads(data)
@@ -273,10 +258,10 @@ class Store:
             ) from error
 
     def listed(self, place: Place) -> Listed:
-        """Return the hashes of a survey's files and table. A survey solved again by an older
-        version has none.
+        """Return the hashes of a survey's files and table; empty for a survey that an older version
+        solved again.
 
-        Raises DataError where the bytes of the list are not those that this program writes.
+        Raises DataError for a list with other bytes than this program writes.
         """
         if place.software and not self.exists(place.listed):
             return Listed({}, "")
@@ -331,9 +316,8 @@ class Store:
 
 @contextmanager
 def refusing(name: str) -> Iterator[None]:
-    """Raise UsageError with the reason why the store cannot be used: full, absent, not allowed, or
-    an unknown kind of address.
-    """
+    """Raise UsageError with the reason why the store cannot be used: full, absent, not permitted,
+    or an unknown kind of address."""
     try:
         yield
     except (UsageError, DataError):
@@ -355,8 +339,7 @@ def _is_hash(text: object) -> bool:
 
 def _local_tables(root: Path) -> Iterator[str]:
     """Yield the same paths as a glob in a tenth of the time, because only the names in a folder are
-    read.
-    """
+    read."""
     for machine in _names(root, "machine="):
         for year in _names(root / machine, "year="):
             yield from (
@@ -382,9 +365,8 @@ def _place_of_path(path: str) -> Place:
 
 
 def _publish(part: Path, target: Path, *, anew: bool) -> None:
-    """Give a written file its name; on a share with links, an existing file of another writer is
-    kept.
-    """
+    """Rename a written file to its name. On a share with links, an existing file of another writer
+    stays."""
     if not anew:
         try:
             target.hardlink_to(part)

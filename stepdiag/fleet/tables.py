@@ -1,9 +1,7 @@
-"""The rows of a result as a Parquet file, and the index of many results: repeated texts are stored
-once, with zstd.
+"""The rows of a result as a Parquet file, and the index of many results.
 
-A row of the index is a quantity in a survey: its nodes in three lists, and the figure of a table. A
-function is represented by its range, with the uncertainty of the difference of its extremes; a
-number by itself.
+A row of the index is a quantity in a survey: its nodes in three lists, and its figure. The figure
+of a function is its range, with the uncertainty of the difference of its extremes.
 """
 
 import io
@@ -27,9 +25,8 @@ from stepdiag.fleet.rows import About, Row, about, rows_of
 from stepdiag.fleet.store import INDEX, Place, Store, sha256, unsealed
 
 VERSION, OLDEST = "2", "1"
-"""Version of the tables that are written, and oldest version that can be read; tables of version 1
-lack the columns from `u_common` on.
-"""
+"""Version of written tables, and oldest readable version. Tables of version 1 lack the columns from
+`u_common` on."""
 _MARK, _RESULT, _WRITER = b"stepdiag-rows", b"stepdiag-result-sha256", b"stepdiag-arrow"
 _WORD = pa.dictionary(pa.int32(), pa.string())
 SCHEMA = pa.schema(
@@ -81,21 +78,17 @@ INDEX_SCHEMA = pa.schema(
         (PLACE, _WORD),
     ]
 )
-"""Columns of the index. ``value``, ``u``, ``low``, ``high``: the figures as a person reads them;
-``common``: the share of u common to surveys with the same instruments.
-"""
+"""Columns of the index. ``value``, ``u``, ``low``, ``high``: the figures for people. ``common``:
+the share of u common to surveys with the same instruments."""
 MOST_ROWS = 300_000
 """Largest number of rows of a survey's table. A survey with every kind of setup has a few thousand
-rows, a single axis at most as many as its readings.
-"""
+rows, a single axis at most as many as its readings."""
 MOST_POINTS_A_SURVEY = 100
 """Largest number of rows of a survey in the index. A result has 18 functions, 3 squarenesses, 3
-scales and 2 figures of the volume: 26 quantities.
-"""
+scales and 2 figures of the volume: 26 quantities."""
 LARGEST_POINT_BYTES = 4000
-"""Largest size of a row of the index in bytes: the conditions of the survey, and for a function
-three numbers per node.
-"""
+"""Largest size in bytes of a row of the index: the conditions of the survey, and for a function
+three numbers per node."""
 _REQUIRED = [field.name for field in SCHEMA if field.type == _WORD] + [PLACE, "time", "value"]
 _EARLIEST, _LATEST = (
     pa.scalar(datetime(year, 1, 1, tzinfo=UTC), pa.timestamp("us", tz="UTC"))
@@ -112,9 +105,8 @@ def table_of(about: About, rows: Sequence[Row]) -> pa.Table:
 
 
 def index_of(tables: Sequence[tuple[pa.Table, str]]) -> pa.Table:
-    """Return the quantities of results as a table of `INDEX_SCHEMA`; each table of rows is given
-    together with the folder of its survey.
-    """
+    """Return the quantities of results as a table of `INDEX_SCHEMA`; each table of rows is paired
+    with the folder of its survey."""
     found = [row for table, folder in tables for row in _quantities(table, folder)]
     return pa.table(
         {name: [row[name] for row in found] for name in INDEX_SCHEMA.names},
@@ -123,7 +115,6 @@ def index_of(tables: Sequence[tuple[pa.Table, str]]) -> pa.Table:
 
 
 def _quantities(table: pa.Table, folder: str) -> Iterator[dict[str, object]]:
-    """Yield the rows of the index of one survey."""
     columns = table.to_pydict()
     places: dict[str, list[int]] = {}
     for at, quantity in enumerate(columns["quantity"]):
@@ -152,7 +143,6 @@ def _quantities(table: pa.Table, folder: str) -> Iterator[dict[str, object]]:
 
 
 def _shown(values: Sequence[float], us: Sequence[float | None]) -> tuple[float, float | None]:
-    """Return the range of a function and the uncertainty of the difference of its extremes."""
     low, high = int(np.argmin(values)), int(np.argmax(values))
     one, other = us[low], us[high]
     return values[high] - values[low], None if one is None or other is None else math.hypot(
@@ -162,8 +152,7 @@ def _shown(values: Sequence[float], us: Sequence[float | None]) -> tuple[float, 
 
 def to_parquet(table: pa.Table, result: str = "") -> bytes:
     """Return the bytes of a Parquet file: the same for the same rows. ``result`` is the SHA-256 of
-    the result from which the rows come.
-    """
+    the result from which the rows come."""
     out = io.BytesIO()
     with pq.ParquetWriter(
         out,
@@ -182,8 +171,7 @@ def to_parquet(table: pa.Table, result: str = "") -> bytes:
 
 def result_named(data: bytes) -> str:
     """Return the SHA-256 of the result from which a table was made; empty if the table does not
-    name it. Raises DataError for a damaged table.
-    """
+    contain it. Raises DataError for a damaged table."""
     with _damage_named("parquet"):
         return (
             _known(pq.read_metadata(pa.BufferReader(data))).get(_RESULT, b"").decode("ascii")
@@ -192,8 +180,7 @@ def result_named(data: bytes) -> str:
 
 def written_by_another(data: bytes) -> bool:
     """Return whether another version of the library wrote a Parquet file, so that its bytes differ
-    for equal rows; the file states the version twice.
-    """
+    for equal rows; the file contains the version twice."""
     with _damage_named("parquet"):
         metadata = pq.read_metadata(pa.BufferReader(data))
         version = _known(metadata).get(_WRITER, b"").decode("ascii")
@@ -243,16 +230,14 @@ def _rows_in(store: Store, place: Place, stated: str) -> pa.Table:
 
 def rows_from(result: bytes, place: Place) -> pa.Table:
     """Return the rows made from the result of a survey in the store. Raises DataError for an
-    unreadable result.
-    """
+    unreadable result."""
     read = parse_result(as_text(result, f"{place.folder}/{RESULT}"), RESULT)
     return table_of(about(read, place.survey), list(rows_of(read)))
 
 
 def read_index(store: Store, surveys: int) -> pa.Table:
-    """Return the index of a store with the given number of surveys, a table of `INDEX_SCHEMA`.
-    Raises the DataError of `from_parquet`.
-    """
+    """Return the index of a store with this number of surveys, a table of `INDEX_SCHEMA`. Raises
+    the DataError of `from_parquet`."""
     most = MOST_POINTS_A_SURVEY * surveys
     largest = max(LARGEST_BYTES, LARGEST_POINT_BYTES * most)
     data = unsealed(store.read(INDEX, largest=largest), INDEX)
@@ -262,11 +247,11 @@ def read_index(store: Store, surveys: int) -> pa.Table:
 def from_parquet(
     data: bytes, name: str, schema: pa.Schema, most_rows: int, largest: int
 ) -> pa.Table:
-    """Return the table in a file, of ``schema``.
+    """Return the table of ``schema`` in a file.
 
     Raises DataError for a file that is damaged, foreign, of a newer version, too large, or with an
-    impossible value. A few hundred kilobytes can hold millions of rows, so the end of the file is
-    checked before unpacking.
+    impossible value. The end of the file is checked before unpacking, because a few hundred
+    kilobytes can contain millions of rows.
     """
     with _damage_named(name):
         metadata = pq.read_metadata(pa.BufferReader(data))
@@ -334,9 +319,7 @@ def _require_small(
 
 
 def _require_values(table: pa.Table, name: str) -> None:
-    """Raise DataError for an empty row, or a row with a number or a time that is impossible in a
-    result.
-    """
+    """Raise DataError for an empty row, or for a number or time that is impossible in a result."""
     wrong = [
         column
         for column in _REQUIRED
@@ -375,9 +358,8 @@ def _require_values(table: pa.Table, name: str) -> None:
 
 
 def _as_long(lists: Mapping[str, pa.ChunkedArray]) -> bool:
-    """Return whether, in every row of the index, the lists of uncertainties and values have the
-    same length, and the list of positions has this length or none.
-    """
+    """Return whether the lists of uncertainties and values in every row of the index have the same
+    length, and the list of positions has this length or is empty."""
     positions, values, us = (
         pc.list_value_length(lists[name]) for name in ("positions", "values", "us")
     )
@@ -388,7 +370,6 @@ def _as_long(lists: Mapping[str, pa.ChunkedArray]) -> bool:
 
 
 def _all(holds: pa.ChunkedArray) -> bool:
-    """Return whether a condition is true for every existing value of a column."""
     return pc.all(holds, min_count=0).as_py() is not False
 
 

@@ -1,4 +1,4 @@
-"""The trends of a store as tables for people at a terminal, as CSV, and as JSON for programs."""
+"""The trends of a store as tables for a terminal, as CSV and as JSON."""
 
 import csv
 import io
@@ -43,11 +43,11 @@ HEADER = (
 
 
 def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
-    """Return a table with a row per series: the last figure with its U, the trend, the time of
+    """Return a table with one row per series: the last figure with its U, the trend, the time of
     leaving the tolerance.
 
-    If not ``whole``, the table has only the volumetric error of every machine and the series that
-    changed or are undecided; the caption states the number of the others.
+    Unless ``whole``, the table contains only the volumetric error of every machine and the series
+    that changed or are undecided; the caption contains the number of the omitted series.
     """
     rows = trends if whole else [each for each in trends if _worth_a_row(each)]
     caption = (
@@ -85,7 +85,6 @@ def _worth_a_row(trend: Trend) -> bool:
 
 
 def _figure(point: Point, unit: str) -> str:
-    """Return a figure with U, or with the interval where it is skewed."""
     if math.isfinite(point.low):
         return f"{point.value:.2f} ({point.low:.2f} to {point.high:.2f}) {unit}"
     return (
@@ -97,8 +96,7 @@ def _figure(point: Point, unit: str) -> str:
 
 def leaves(trend: Trend) -> str:
     """Return the verdict about the last figure, and the time at which the series leaves its
-    tolerance.
-    """
+    tolerance."""
     if trend.conformity is None:
         return "-"
     verdict = shown(message(PHRASES[trend.conformity], limit=trend.tolerance or 0.0))
@@ -119,7 +117,7 @@ def _day_of_leaving(trend: Trend) -> str:
 
 
 def as_csv(trends: Sequence[Trend]) -> str:
-    """Return every figure of the series, one row per figure; U is at k = 2."""
+    """Return one row per figure of the series, with U at k = 2."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(HEADER)
@@ -128,9 +126,8 @@ def as_csv(trends: Sequence[Trend]) -> str:
 
 
 def as_json(trends: Sequence[Trend], left_out: Sequence[LeftOut]) -> dict[str, Any]:
-    """Return the series with their trends, and the surveys in no series, as JSON types for
-    programs; every U is at k = 2.
-    """
+    """Return the series with their trends, and the surveys outside all series, as JSON types; U at
+    k = 2."""
     return {
         "series": [_series_json(each) for each in trends],
         "left_out": [_left_out_json(each) for each in left_out],
@@ -223,7 +220,6 @@ def _trend_rows(trends: Sequence[Trend]) -> Iterator[tuple[object, ...]]:
 
 
 def _safe(words: str) -> str:
-    """Return a text in a form that a spreadsheet does not take for a formula."""
     return f"'{words}" if words.startswith(("=", "+", "-", "@", "\t")) else words
 
 

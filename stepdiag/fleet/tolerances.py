@@ -25,21 +25,19 @@ Largest = Annotated[float, Meta(gt=0, le=1e6)]
 
 
 class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The largest magnitude allowed for each quantity, in the unit of the quantity; the tolerance
-    of a single machine has priority over that of all machines.
-    """
+    """Largest permitted magnitude of each quantity in its unit; the tolerance of a single machine
+    has priority over that of all machines."""
 
     all: dict[str, Largest] = field(default_factory=dict)
     machine: dict[str, dict[str, Largest]] = field(default_factory=dict)
 
     def of(self, machine: str, quantity: str) -> float | None:
-        """Return the tolerance of a quantity of a machine, None where no tolerance is stated."""
+        """Return the tolerance of a quantity of a machine, None without a tolerance."""
         return self.machine.get(machine, {}).get(quantity, self.all.get(quantity))
 
     def together_with(self, given: Mapping[str, float]) -> "Tolerances":
-        """Return these tolerances together with other tolerances that were given outside the file
-        for every machine.
-        """
+        """Return these tolerances and tolerances from outside the file, which apply to every
+        machine."""
         own = {
             name: {quantity: value for quantity, value in of.items() if quantity not in given}
             for name, of in self.machine.items()
@@ -48,9 +46,10 @@ class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def tolerances_in(store: Store) -> Tolerances:
-    """Return the tolerances in the store's file, empty without a file. Raises UsageError for an
-    invalid file. Raises DataError if the hash beside the file differs (``sha256sum tolerances.toml
-    > tolerances.toml.sha256``).
+    """Return the tolerances in the store's file, empty without a file.
+
+    Raises UsageError for an invalid file, DataError for another hash in the file beside it
+    (``sha256sum tolerances.toml > tolerances.toml.sha256``).
     """
     if not store.exists(FILE):
         return Tolerances()
@@ -67,9 +66,8 @@ def tolerances_in(store: Store) -> Tolerances:
 
 
 def require_known(tolerances: Tolerances, series: Sequence[Series], source: str) -> None:
-    """Raise UsageError for a tolerance of a quantity that no machine of the store has: a mistyped
-    name would have no effect.
-    """
+    """Raise UsageError for a tolerance of a quantity that no machine of the store has; the name is
+    then mistyped."""
     known = {each.quantity for each in series}
     unknown = sorted(
         {*tolerances.all, *(name for of in tolerances.machine.values() for name in of)}
@@ -86,9 +84,6 @@ def require_known(tolerances: Tolerances, series: Sequence[Series], source: str)
 def _require_of(
     machine: str, of: Mapping[str, float], series: Sequence[Series], source: str
 ) -> None:
-    """Raise UsageError for a tolerance of a machine that is not in the store, or of a quantity that
-    the machine does not have.
-    """
     own = {each.quantity for each in series if each.machine == machine}
     if not own:
         known = sorted({each.machine for each in series})

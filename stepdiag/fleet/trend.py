@@ -1,8 +1,8 @@
-"""Changes of each machine of a store, their time and cause; and the time at which a figure leaves
+"""Changes of each machine of a store, their time and cause, and the time at which a figure leaves
 its tolerance.
 
-`stepdiag.comparing.evolution` describes the model of a machine over time. A figure has a date of
-leaving its tolerance only if the model contains an accepted line towards the tolerance.
+`stepdiag.comparing.evolution` contains the model of a machine over time. A figure has a date of
+leaving its tolerance only if an accepted line leads towards the tolerance.
 """
 
 import math
@@ -35,7 +35,7 @@ from stepdiag.texts.texts import UNITS
 Array = NDArray[np.float64]
 YEAR = timedelta(days=365.25)
 LATEST = datetime(2200, 1, 1, tzinfo=UTC)
-"""Latest date that is given: a later date contains no information about a machine."""
+"""Latest date that is reported: a later date contains no information about a machine."""
 STATES = ("yes", "perhaps", "no")
 CONFORMITY: dict[str, Conforming] = {
     "yes": "not_conform",
@@ -47,9 +47,7 @@ CONFORMITY: dict[str, Conforming] = {
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaving:
     """The time at which the line of a series reaches the tolerance, and the interval of this time
-    at k = 2; None means not before `LATEST`. ``tolerance`` is negative if the line falls towards
-    the negative limit.
-    """
+    at k = 2; None means not before `LATEST`. ``tolerance`` is negative for a falling line."""
 
     tolerance: float
     earliest: datetime | None
@@ -61,8 +59,8 @@ class Leaving:
 class Trend:
     """The trend of a series.
 
-    ``outside`` states whether the last figure is outside its tolerance: "yes", "perhaps" or "no";
-    None without a tolerance. A figure without a stated uncertainty counts as perhaps outside.
+    ``outside`` states whether the last figure is outside its tolerance: "yes", "perhaps" or "no",
+    None without a tolerance. A figure without uncertainty is "perhaps" outside.
     """
 
     series: Series
@@ -73,7 +71,6 @@ class Trend:
 
     @property
     def last(self) -> Point:
-        """Return the figure of the newest survey."""
         return self.series.point(-1)
 
     @property
@@ -83,23 +80,22 @@ class Trend:
 
     @property
     def verdict(self) -> Verdict:
-        """Return the verdict on the quantity: changed, unchanged or undecided."""
+        """Return the verdict about the quantity: changed, unchanged or undecided."""
         return self.explained.verdict
 
     @property
     def line(self) -> Course | None:
-        """Return the line in the quantity's course that still continues, None without a line."""
+        """Return the line of the quantity's course that still continues, None without a line."""
         return next((each for each in self.explained.courses if each.kind == "line"), None)
 
     @property
     def steps(self) -> tuple[Course, ...]:
-        """Return the sudden changes of the quantity (steps)."""
+        """Return the sudden changes (steps) of the quantity."""
         return tuple(each for each in self.explained.courses if each.kind == "step")
 
     def cause(self, course: Course) -> Message | str:
-        """Return the events in the time in which a step can lie; empty if no survey names an
-        event.
-        """
+        """Return the events in the time in which a step can be; empty if no survey contains an
+        event."""
         surveys = self.series.surveys
         named = [
             surveys[at].event
@@ -117,8 +113,8 @@ class Trend:
 def trends_of(
     series: Sequence[Series], tolerance: Callable[[str, str], float | None]
 ) -> list[Trend]:
-    """Return the trend of every series; ``tolerance`` gives the largest magnitude allowed for a
-    machine and a quantity, if any."""
+    """Return the trend of every series; ``tolerance`` returns the largest permitted magnitude of a
+    quantity of a machine, if any."""
     found: dict[int, Trend] = {}
     for _, group in groupby(enumerate(series), key=lambda item: item[1].machine):
         alike: dict[str, list[int]] = {}
@@ -136,7 +132,6 @@ def trends_of(
 def _of_machine(
     series: Sequence[Series], tolerance: Callable[[str, str], float | None]
 ) -> Iterator[Trend]:
-    """Yield the trends of the quantities of one machine; all quantities are tested together."""
     surveys = sorted(
         {each.name: each for one in series for each in one.surveys}.values(),
         key=lambda each: (each.time, each.name),
@@ -182,12 +177,12 @@ def _calendar(surveys: Sequence[Survey]) -> Calendar:
 
 
 def _own(series: Series) -> Array:
-    """Return the part of the uncertainty that belongs to each single survey, shape (surveys,
+    """Return the part of the uncertainty that differs from survey to survey, shape (surveys,
     nodes).
 
-    The part common to surveys with the usual instruments is left out. Surveys with other
-    instruments have another common part: a single deviation in n surveys, which has the effect of a
-    deviation sqrt(n) times as large in each of them.
+    The part that is common to surveys with the usual instruments is left out. Surveys with other
+    instruments have another common part: a single deviation in n surveys, with the effect of a
+    deviation sqrt(n) times as large in each survey.
     """
     common = series.common[:, None] * series.u
     squared = series.u**2 - common**2
@@ -203,9 +198,8 @@ def _own(series: Series) -> Array:
 
 
 def rank(trend: Trend) -> tuple[int, float]:
-    """Return a measure of how bad the last figure of a trend is: first whether the figure exceeds
-    its tolerance, then its ratio to the tolerance, or without a tolerance its ratio to U.
-    """
+    """Return a measure of the last figure of a trend: first whether the figure exceeds its
+    tolerance, then its ratio to the tolerance, or without a tolerance its ratio to U."""
     last = trend.last
     scale = trend.tolerance or 2 * (last.u or 0.0)
     beyond = STATES.index(trend.outside) if trend.outside in STATES else len(STATES)
@@ -215,11 +209,11 @@ def rank(trend: Trend) -> tuple[int, float]:
 def _leaving(
     series: Series, found: Explained, scattered: float, tolerance: float
 ) -> Leaving | None:
-    """Return the time at which the line of a series, and its band at k = 2, will cross the
-    tolerance; the time of the last survey for a date in the past.
+    """Return the time at which the line of a series, and its band at k = 2, cross the tolerance;
+    for a date in the past the time of the last survey.
 
-    None without a line, or for a line away from the tolerance: a magnitude can leave its tolerance
-    only by growing. If the quantity has a season, the mean over the year is used.
+    None without a line, or for a line away from the tolerance. For a quantity with a season, the
+    mean over the year is used.
     """
     line = next((each for each in found.courses if each.kind == "line"), None)
     kept = np.isfinite(series.shown[:, 1]) & (series.shown[:, 1] > 0)
@@ -280,7 +274,6 @@ def _leaving(
 
 
 def _centred(series: Series) -> Array:
-    """Return the figures as a person reads them; for a skewed interval, its middle."""
     middle = series.shown[:, 2:].mean(axis=1)
     centred: Array = np.where(np.isfinite(middle), middle, series.shown[:, 0])
     return centred
@@ -295,17 +288,15 @@ def _outside(last: Point, tolerance: float) -> str:
 
 
 def already_perhaps(trend: Trend) -> bool:
-    """Return whether the last figure may, within its U, already be outside the tolerance, so that
-    no future date can be given.
-    """
+    """Return whether the interval of the last figure extends beyond the tolerance, so that no
+    future date can be given."""
     likely = None if trend.leaving is None else trend.leaving.likely
     return trend.outside == "perhaps" and (likely is None or likely <= trend.last.time)
 
 
 def statements(trend: Trend) -> list[Message]:
-    """Return the trend of a quantity in words: one message per change, or only the verdict if
-    nothing changed.
-    """
+    """Return the trend of a quantity in words: one message per change, or only the verdict without
+    a change."""
     if trend.explained.courses:
         return [_statement(trend, each) for each in trend.explained.courses]
     if trend.verdict == "unchanged":
@@ -349,5 +340,4 @@ def _statement(trend: Trend, course: Course) -> Message:
 
 
 def day(moment: datetime) -> str:
-    """Return the day of a moment (UTC)."""
     return moment.date().isoformat()

@@ -1,6 +1,5 @@
-"""Rotations of an axis from the passes of an autocollimator or a level, by ISO 230-1 name and with
-their uncertainty.
-"""
+"""Rotations of an axis from the passes of an autocollimator or a level, by ISO 230-1 name, with
+their uncertainty."""
 
 from collections.abc import Sequence
 
@@ -15,16 +14,15 @@ from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.models import Head
 
 Turns = dict[str, tuple[Vector, Vector, Vector, Vector]]
-"""The rotations measured in a pass: position and value of each, relative to the first position; its
-standard uncertainty in a single pass, and the uncertainty common to all passes.
-"""
+"""The rotations measured in a pass: position and value, relative to the first position; the
+standard uncertainty in a single pass; the uncertainty common to all passes."""
 
 
 def turns_of(section: Head, each: Pass) -> Turns:
     """Return the rotations of a pass that the survey file names for its axis (``head.angles.x``).
 
-    For an instrument on the workpiece side the sign is reversed. Raises DataError for stops whose
-    number of angles differs from the number of names.
+    The sign of an instrument on the workpiece side is reversed. Raises DataError for stops with
+    another number of angles than names.
     """
     axis = each.route.travel.axis
     turns, run = section.angles.turns(axis), section.run_along(axis)

@@ -1,4 +1,4 @@
-"""The 4-DOF head in the form for the solver, from the calibration file of the head."""
+"""The 4-DOF head as an object of the solver, from its calibration file."""
 
 import math
 
@@ -10,9 +10,8 @@ from stepdiag.solver.fourdof.head import Crosstalk, Head, Light
 
 
 def calibrated(file: HeadFile) -> Head:
-    """Return the head of a calibration file; its travel is then the distance. A field that the file
-    lacks has the ideal value.
-    """
+    """Return the head of a calibration file, with its distance as the travel. A missing field has
+    the ideal value."""
     lever = file.lever or LeverTable()
     return Head(
         qd=_detector(file.qd),

@@ -1,6 +1,5 @@
-"""From the standstills of a commissioning run to the calibration file of the head: the machine is
-the head's own stage.
-"""
+"""Commissioning of the head on the machine, which is its stage: from the standstills of a run to
+the calibration file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -40,52 +39,43 @@ from stepdiag.solver.fourdof.regression import (
 )
 
 FARTHEST_MM = 0.35
-"""Distance in mm from the run's line beyond which a standstill is only the approach to a jog: the
-axis reached it from the other side.
-"""
+"""Distance in mm from the run's line beyond which a standstill is only the approach to a jog; the
+axis reached it from the other side."""
 LONG_S = 8.0
-"""Least duration in s of a standstill in which the laser is wobbled by hand or the program waits:
-the beam's direction changes meanwhile, so each `ROW_S` is a row of the regression.
-"""
+"""Shortest duration in s of a standstill in which a person wobbles the laser or the program waits:
+the beam's direction changes, so each `ROW_S` is a row of the regression."""
 ROW_S = 0.1
 MOST_ROWS = 400
 """Largest number of rows from one long standstill: a gain is then known to a thousandth, and
-further rows add nothing.
-"""
+further rows add nothing."""
 DARK, LIT = 0.2, 0.8
-"""Shares of the usual sum of a detector: below the first share there is no light, above the second
-there is full light; between them the beam was just being cut.
-"""
+"""Shares of the usual sum of a detector: below the first share the detector has no light, above the
+second full light, between them the beam was being cut."""
 LEAST_DARK = 20
 LEAST_WITHIN = 0.003
-"""Least tolerance, as a share, within which the sums count as sums under the same light; three
-times the variation in the run is used if it is larger.
-"""
+"""Least relative tolerance within which the sums count as sums under the same light; three times
+the variation in the run is used if it is larger."""
 MOST_APART = 0.02
 """Change of a sum's share by a jog above which the detector clips the spot."""
 STUCK = 0.25
-"""Share of readings at the highest value, even at one end of the travel only, beyond which a sum
-has reached the limit of its electronics: readings of light have noise.
-"""
+"""Share of readings at the highest value, even at one end of the travel only, above which a sum has
+reached the limit of its electronics: readings of light have noise."""
 NOMINAL = {
     "qd": AxisTable(kind="erf"),
     "psd1": AxisTable(low=-0.95, high=0.95),
     "psd2": AxisTable(low=-0.95, high=0.95),
 }
-"""Curves of the detectors before any calibration: a Gaussian spot on the QD, linear PSDs, all of
-gain 1000.
-"""
+"""Curves of the detectors before any calibration: a Gaussian spot on the QD, linear PSDs, gain
+1000."""
 REACH = 1.5
-"""Extension of a QD curve beyond the readings of the run, as a factor: in the extension the law of
-a Gaussian spot continues the curve.
-"""
+"""Extension of a QD curve beyond the readings of the run, as a factor: there the curve follows the
+law of a Gaussian spot."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Standing:
     """The samples of a standstill at one commanded place: ``position_mm`` (3,), ``time_s`` (n,),
-    ``channels`` (n, 9).
-    """
+    ``channels`` (n, 9)."""
 
     position_mm: Vector
     time_s: Vector
@@ -94,9 +84,8 @@ class Standing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadCommissioned:
-    """The commissioning of a head: its calibration file, the values behind it, and the numbers of
-    standstills and of samples without light.
-    """
+    """The result of a commissioning: the calibration file, its values, and the numbers of
+    standstills and of samples without light."""
 
     file: HeadFile
     found: Commissioned
@@ -107,11 +96,11 @@ class HeadCommissioned:
 def commission(
     standings: Sequence[Standing], file: HeadFile, run: HeadRun, axis: str, on: str
 ) -> HeadCommissioned:
-    """Return the file with all measurements of the run along ``axis`` (x, y, z); ``run`` is the
-    mounting of the head, ``on`` the day.
+    """Return the calibration file with all measurements of the run along ``axis`` (x, y, z);
+    ``run`` is the mounting of the head, ``on`` the day.
 
-    Raises DataError where the run does not determine a field of the file, where a detector clipped
-    the spot, or where a curve of the file is wrong by more than 5 per cent.
+    Raises DataError if the run does not determine a field of the file, if a detector clipped the
+    spot, or if a curve of the file is wrong by more than 5 %.
     """
     if not standings:
         raise DataError(
@@ -174,16 +163,12 @@ def _long(one: Standing) -> bool:
 
 
 def _beside_mm(one: Standing, centre_mm: Vector, axis: str) -> float:
-    """Return the distance of a standstill from the line of the run, in mm: the larger one of the
-    two lateral distances.
-    """
     return float(np.max(np.abs(np.delete(one.position_mm - centre_mm, AXES.index(axis)))))
 
 
 def _centre_mm(standings: Sequence[Standing]) -> Vector:
-    """Return the position at which the machine stood longest, shape (3,): the jogs are around this
-    position.
-    """
+    """Return the position of the longest standstill, shape (3,): the jogs are around this
+    position."""
     places = np.concatenate(
         [np.repeat(one.position_mm[None, :], len(one.time_s), axis=0) for one in standings]
     )
@@ -194,9 +179,9 @@ def _standstill_rows(
     lit: Sequence[Standing], centre_mm: Vector, run: HeadRun, axis: str
 ) -> tuple[Stands, Vector]:
     """Return the rows of standstills with light, and the means of their channels (N, 9). A
-    standstill has one row; a long standstill, which is at an end of the travel, has many.
+    standstill has one row; a long standstill at an end of the travel has many.
 
-    In these rows the values by the curves, and the noise, are still missing.
+    These rows do not yet contain the values by the curves and the noise.
     """
     along = AXES.index(axis)
     place = np.array([one.position_mm[along] for one in lit])
@@ -228,9 +213,8 @@ def _standstill_rows(
 
 
 def _readings(channels: Vector, dark: Vector) -> Vector:
-    """Return the normalised readings of the detectors: the differences over the sums, after
-    subtraction of the dark values, shape (N, 3, 2).
-    """
+    """Return the normalised readings of the detectors, shape (N, 3, 2): the differences over the
+    sums, less the dark values."""
     light = channels.reshape(-1, 3, 3) - dark
     readings: Vector = light[:, :, :2] / light[:, :, 2:]
     return readings
@@ -240,8 +224,7 @@ def _seen(
     channels: Vector, file: HeadFile, curves: dict[str, AxisTable], dark: Vector
 ) -> Vector:
     """Return the values of the channels (N, 9) by the curves of the detectors, without signs and
-    rolls: QD in um, PSD1 and PSD2 in urad, shape (N, 6).
-    """
+    rolls: QD in um, PSD1 and PSD2 in urad, shape (N, 6)."""
     bare = msgspec.structs.replace(
         file,
         **{
@@ -266,10 +249,10 @@ def _seen(
 
 def _noise(stands: Sequence[Vector]) -> Vector:
     """Return the noise of a sample from the fourth differences in long standstills, shape (6,): a
-    wobble by hand is too slow to affect these.
+    wobble by hand is too slow to affect fourth differences.
 
-    The squares of the binomials 1 4 6 4 1 add up to 70. Raises DataError without a long standstill:
-    the laser was not wobbled.
+    The squares of the binomials 1 4 6 4 1 add up to 70. Raises DataError without a long standstill,
+    in which the laser is wobbled.
     """
     fourth = [np.diff(one, n=4, axis=0) for one in stands]
     if not fourth:
@@ -290,13 +273,11 @@ def _plain(detector: Detector) -> Detector:
 
 
 def _lateral(moved_mm: Vector, run: HeadRun) -> Vector:
-    """Return the motion of the target in the directions of the detectors' x and y, shape (2,)."""
     side = 1.0 if run.target_on == "tool" else -1.0
     return side * np.array([unit(run.detector_x) @ moved_mm, unit(run.detector_y) @ moved_mm])
 
 
 def _means(one: Standing, *, long: bool) -> list[tuple[Vector, int]]:
-    """Return means of the channels over a standstill, and the number of samples in each mean."""
     if not long:
         return [(one.channels.mean(axis=0), len(one.time_s))]
     row_s = max(ROW_S, float(np.ptp(one.time_s)) / MOST_ROWS)
@@ -308,9 +289,6 @@ def _means(one: Standing, *, long: bool) -> list[tuple[Vector, int]]:
 
 
 def _light(every: Vector, rows: Vector, usual: Vector, dark: Vector) -> LightTable:
-    """Return the sums of the three detectors under one light. Raises DataError where a detector
-    clipped the spot, or a sum reached the limit of its electronics.
-    """
     for column, name in enumerate(NOMINAL):
         total = every[np.all(every[:, 2::3] > LIT * usual, axis=1), 3 * column + 2]
         highest = float(total.max())
@@ -407,8 +385,7 @@ def _scaled(
     most: float,
 ) -> AxisTable:
     """Return a detector's curve times its gain. Raises DataError for a calibrated curve that is
-    wrong by more than 5 per cent.
-    """
+    wrong by more than 5 %."""
     table, gain = curves[name], float(found.value[index])
     known = file.curve(name) is not None
     off = abs(abs(gain) - 1.0)
@@ -432,9 +409,6 @@ def _scaled(
 
 
 def _uncertainty(found: Commissioned) -> UncertaintyTable:
-    """Return the standard uncertainties and the correlations of the fields of the calibration file;
-    the u of a gain is a share of the gain.
-    """
     share = np.ones(len(FIELDS))
     gains = [first + index for first in (QD, PSD1, PSD2) for index in range(2)]
     share[gains] = 1.0 / np.abs(found.value[gains])

@@ -39,8 +39,7 @@ from stepdiag.solver.fourdof.statistics import (
 LATERAL: tuple[AxisName, AxisName] = ("x", "y")
 QD_TO_TARGET = 2.0
 """Ratio of the spot's movement to that of the target: a shift of the cube moves the spot by twice
-the shift, a turn of the mirror turns the beam by twice the turn (Feng 2.2, 2.3).
-"""
+the shift, a rotation of the mirror turns the beam by twice the angle (Feng 2.2, 2.3)."""
 Unit = Literal["um", "arcsec"]
 
 
@@ -48,8 +47,7 @@ def stability_of(
     record: HeadRecord, file: HeadFile, distance_mm: float, interval_s: float
 ) -> dict[str, Stability]:
     """Return the stability of ``straightness x``, ``straightness y`` in um and ``angle x``, ``angle
-    y`` in arc-seconds, over means of ``interval_s``.
-    """
+    y`` in arc-seconds, over means of ``interval_s``."""
     require_angles(record, "stability")
     require_measured(file, "stability")
     means = record.averaged(interval_s)
@@ -78,8 +76,7 @@ def stability_of(
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageRun:
     """A run on a stage: the normalised reading of one detector axis, and the reference in um (QD)
-    or arc-seconds (PSD).
-    """
+    or arc-seconds (PSD)."""
 
     reading: Vector
     reference: Vector
@@ -88,8 +85,7 @@ class StageRun:
 
 def parse_stage_run(text: str, source: str) -> StageRun:
     """Return a run on a stage from the CSV columns ``reading`` (difference / sum) and
-    ``reference_um`` or ``reference_arcsec``.
-    """
+    ``reference_um`` or ``reference_arcsec``."""
     table = read_table(text, source, ("reading",))
     unit = next((unit for unit in get_args(Unit) if f"reference_{unit}" in table[0][1]), None)
     if unit is None:
@@ -112,8 +108,7 @@ def parse_stage_run(text: str, source: str) -> StageRun:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibrated:
     """The calibration of one detector axis: the run, the fit, and the residuals in the unit of the
-    reference.
-    """
+    reference."""
 
     run: StageRun
     fit: CurveFit
@@ -121,7 +116,6 @@ class Calibrated:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Return the lowest and the highest residual."""
         return float(self.residual.min()), float(self.residual.max())
 
 
@@ -129,11 +123,11 @@ def calibrate_axis(
     run: StageRun, detector: DetectorName, file: HeadFile, *, degree: int, u_reference: float
 ) -> Calibrated:
     """Return the curve of one detector axis; ``u_reference`` is the reference's standard
-    uncertainty in its own unit.
+    uncertainty in its unit.
 
-    The spot on the QD moves twice as far as the stage, and the beam to PSD2 turns twice as far as
-    the mirror; PSD1 measures the angle of the beam itself. For the QD the better of two curves is
-    used: over the reading, or over its inverse error function, as for a Gaussian spot.
+    The spot on the QD moves twice as far as the stage, and the beam to PSD2 turns by twice the
+    angle of the mirror; PSD1 measures the angle of the beam itself. For the QD the better of two
+    curves is used: over the reading, or over its inverse error function (Gaussian spot).
     """
     if (detector == "qd") != (run.unit == "um"):
         expected = (
@@ -181,7 +175,7 @@ def _shift_um(reference: Vector, detector: DetectorName, file: HeadFile) -> Vect
 def with_curve(
     file: HeadFile, detector: DetectorName, axis: AxisName, found: Calibrated
 ) -> HeadFile:
-    """Return the calibration with a new curve for one detector axis, whose sign stays."""
+    """Return the calibration with a new curve for one detector axis; its sign stays."""
     curve = found.fit.curve
     table = file.curve(f"{detector}.{axis}") or AxisTable()
     fresh = AxisTable(
@@ -201,8 +195,7 @@ Curves = Mapping[str, tuple[Vector, Vector]]
 
 def parse_curves(text: str, source: str) -> Curves:
     """Return the functions of a CSV: ``position_mm`` and columns such as ``EYX_um``,
-    ``EBX_arcsec``, ``EBX_urad``; fields may be empty.
-    """
+    ``EBX_arcsec``, ``EBX_urad``; fields may be empty."""
     table = read_table(text, source, ("position_mm",))
     curves = {}
     for column in table[0][1]:
@@ -237,10 +230,10 @@ def parse_curves(text: str, source: str) -> Curves:
 
 
 def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]:
-    """Return measured minus reference for every function that both contain, straightness without
-    its least-squares line.
+    """Return measured minus reference for every common function, straightness without its
+    least-squares line.
 
-    Raises DataError where they have no common function.
+    Raises DataError without a common function.
     """
     common = [name for name in measured if name in reference]
     if not common:
@@ -260,9 +253,8 @@ def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]
 
 
 def arms_of(measured: Curves, found: Mapping[str, Comparison]) -> dict[str, Arm]:
-    """Return, by axis (X, Y, Z), the arm between the two heads, if the measured rotations determine
-    the arm (Feng 2008, 3.3).
-    """
+    """Return, by axis (X, Y, Z), the arm between the two heads if the measured rotations determine
+    it (Feng 2008, 3.3)."""
     arms = {}
     for axis in "XYZ":
         straight = {

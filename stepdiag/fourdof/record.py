@@ -1,6 +1,5 @@
-"""Samples of a 4-DOF head without a survey, for commissioning: from the port of the head, from the
-stream in a log, or from a CSV.
-"""
+"""Samples of a 4-DOF head for commissioning: from the port of the head, from a log, or from a
+CSV."""
 
 import asyncio
 import math
@@ -30,10 +29,10 @@ COLUMNS = tuple(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadRecord:
-    """Usable samples in the order of time: ``time_s`` (N,) is the time since the first sample,
+    """Usable samples in the order of time: ``time_s`` (N,) is the time since the first sample;
     ``channels`` has the shape (N, 9), or (N, 3) for a head with a QD only.
 
-    ``unusable`` is the number of samples left out: blocked, saturated, faulty.
+    ``unusable`` is the number of omitted samples (blocked, saturated, faulty).
     """
 
     time_s: Vector
@@ -41,9 +40,8 @@ class HeadRecord:
     unusable: int = 0
 
     def averaged(self, interval_s: float) -> "HeadRecord":
-        """Return the means of the samples over equal intervals; the last interval counts only if
-        complete. Raises DataError for an interval without samples.
-        """
+        """Return the means of the samples over equal intervals; an incomplete last interval is left
+        out. Raises DataError for an interval without samples."""
         intervals = (self.time_s - self.time_s[0]) / interval_s + 1e-9
         # with more intervals than samples some are empty; without this limit a wrong clock could
         # request any number of intervals
@@ -65,21 +63,17 @@ class HeadRecord:
 
 
 class _Gathering:
-    """A decoder that collects the samples of received chunks."""
-
     def __init__(self, decoder: Decoder) -> None:
         self._decoder = decoder
         self._batches: list[Samples] = []
 
     def feed(self, data: bytes, arrival_ns: int) -> Samples:
-        """Decode a chunk of bytes; return the samples in it."""
         batch = self._decoder.feed(data, arrival_ns)
         if len(batch):
             self._batches.append(batch)
         return batch
 
     def record(self, source: str) -> HeadRecord:
-        """Return all collected samples as a record. Raises DataError without a usable sample."""
         flags = np.concatenate(
             [np.zeros(0, dtype=np.uint16), *(batch.flags for batch in self._batches)]
         )
@@ -107,9 +101,9 @@ class _Gathering:
 
 def read_head_csv(text: str, source: str) -> HeadRecord:
     """Return the samples of a CSV: ``time_s``, ``qd_x``, ``qd_y``, ``qd_sum``, and the same columns
-    of psd1 and psd2, which are absent for a head with a QD only.
+    of psd1 and psd2, which a head with a QD only does not have.
 
-    Raises DataError, with the line, for any other content, and for times that do not ascend.
+    Raises DataError with the line for any other content, and for times that do not ascend.
     """
     table = read_table(text, source, ("time_s", *COLUMNS[:QD_ONLY]))
     names = COLUMNS if "psd1_x" in table[0][1] else COLUMNS[:QD_ONLY]
@@ -129,7 +123,6 @@ def read_head_csv(text: str, source: str) -> HeadRecord:
 
 
 def render_head_csv(record: HeadRecord) -> str:
-    """Return the samples as CSV, LF line ends."""
     names = COLUMNS[: record.channels.shape[1]]
     lines = [
         f"{time:.6f}," + ",".join(f"{value:.10g}" for value in row)
@@ -164,8 +157,8 @@ def listen_to_head(
     """Return the samples of a survey file's head over a number of seconds; ``on_batch`` receives
     every batch during the recording.
 
-    Ctrl-C ends the recording sooner and keeps the samples. Raises UsageError without [head],
-    DeviceError where the port cannot be opened or is lost.
+    Ctrl-C ends the recording and keeps the samples. Raises UsageError without [head], DeviceError
+    for a port that cannot be opened or is lost.
     """
     if survey.head is None:
         raise UsageError(source, expected=message("head-section"), found=message("none"))
@@ -208,14 +201,13 @@ async def _listen(
 
 
 def require_angles(record: HeadRecord, source: str) -> None:
-    """Raise DataError for a head with a QD only, where pitch, yaw or drift are requested."""
+    """Raise DataError for a head with a QD only, because it measures no pitch, yaw or drift."""
     require_channels(record.channels, source)
 
 
 def require_channels(channels: Vector | None, source: str) -> Vector:
     """Return the nine channels of a head, shape (N, 9). Raises DataError for a head with a QD
-    only.
-    """
+    only."""
     count = 0 if channels is None else int(channels.shape[1])
     if channels is None or count != CHANNELS:
         raise DataError(

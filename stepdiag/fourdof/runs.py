@@ -1,6 +1,5 @@
-"""Straightness, pitch and yaw of the axes from the passes of a 4-DOF head, by ISO 230-1 name and
-with their uncertainty.
-"""
+"""Straightness, pitch and yaw of the axes from the passes of a 4-DOF head, by ISO 230-1 name, with
+their uncertainty."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -39,23 +38,17 @@ CHANNELS = 9
 QD_ONLY = 3
 SHIFT_SHARE = float(0.5 / np.sqrt(6.0))
 """Share of a beam's parallel shift in a pass that appears in the straightness (rms). A shift of 1
-moves the spot by 1 and the straightness by half; after removal of the end-point line, the rms of a
-random shift over the pass (a Brownian bridge) is 1 / sqrt(6).
-"""
+moves the spot by 1 and the straightness by half. After removal of the end-point line, the rms of a
+random shift over the pass (a Brownian bridge) is 1 / sqrt(6)."""
 QD, PSD1, PSD2 = (0, 1, 2), (3, 4, 5), (6, 7, 8)
-"""The numbers of the channels of each detector."""
 APART = 3.29
-"""Multiple of u beyond which the rms difference of two passes is more than chance (99.9 %), even if
-their errors are fully correlated.
-"""
+"""Multiple of u above which the rms difference of two passes is more than chance (99.9 %), even if
+their errors are fully correlated."""
 WAVELENGTH_NM = 650.0
 """Wavelength of the head's red laser in nm, which only limits the curvature of the spot's
-growth.
-"""
+growth."""
 LEAST_STOPS = 3
-"""Least number of stops for a straightness: with two stops any guideway would be a straight
-line.
-"""
+"""Least number of stops for a straightness: through two stops every guideway is a straight line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,8 +56,8 @@ class HeadMeasured:
     """The results of the head's passes: a straightness for each pass and lateral direction, and the
     angular functions over all passes of an axis.
 
-    ``shared_um`` is, for each entry of ``straightness``, the part of its uncertainty that is common
-    to all passes: that of the calibration.
+    ``shared_um`` is, for each entry of ``straightness``, the uncertainty of the calibration, which
+    is common to all passes.
     """
 
     straightness: tuple[MeasuredStraightness, ...] = ()
@@ -86,9 +79,9 @@ def evaluate_head(
 ) -> HeadMeasured:
     """Return the results of the 4-DOF head from its complete passes.
 
-    ``files`` hold the calibration by the name in the survey, ``level`` angular functions known from
-    other instruments: a roll moves a cube that is off the axis. Raises DataError for a calibration
-    of another head, and where the distance must come from the laser but is missing.
+    ``files`` contains the calibration by its name in the survey, ``level`` the angular functions
+    known from other instruments: a roll moves a cube that is off the axis. Raises DataError for a
+    calibration of another head, and for a missing distance of the laser.
     """
     driven = [each for each in passes if each.whole and each.route.travel.is_fourdof]
     if not driven or survey.head is None:
@@ -117,9 +110,8 @@ def evaluate_head(
 def _whole(
     angles: dict[str, KnownAngle], survey: Survey
 ) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
-    """Return the functions that cover the whole volume: diagonals cannot be corrected for an angle
-    that is known on a part of them only.
-    """
+    """Return the functions that cover the whole volume: a function on a part of the volume cannot
+    correct a diagonal."""
     whole, findings = {}, []
     for name, known in angles.items():
         nodes = survey.volume.nodes_mm(AXES.index(name[2].lower()))
@@ -211,9 +203,6 @@ def _evaluate(
 def _named(
     each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise", shared: "_Noise"
 ) -> _PassSeen:
-    """Return the usable part of a pass by ISO 230-1 names, positions ascending: ``u`` is the
-    uncertainty of a single pass, ``shared`` the uncertainty common to all passes.
-    """
     mount = Mount(
         axis=cast("Literal['x', 'y', 'z']", each.route.travel.axis),
         beam=run.beam,
@@ -251,9 +240,8 @@ def _named(
 
 
 def _channels(stops: Sequence[CapturedStop], name: str) -> tuple[Vector, Vector]:
-    """Return the nine channels of every stop and their standard uncertainties; for a head with a QD
-    only, the channels of the PSDs have constant, centred spots.
-    """
+    """Return the nine channels of every stop and their standard uncertainties. For a head with a QD
+    only, the channels of the PSDs are those of constant, centred spots."""
     sizes = {len(stop.channels) for stop in stops}
     if not sizes <= {CHANNELS} and not sizes <= {QD_ONLY}:
         found = message("number-of-channels", names=list(map(str, sorted(sizes))))
@@ -280,7 +268,6 @@ def _distance_mm(
     position: Vector,
     name: str,
 ) -> Vector:
-    """Return the distance from the head's reference face to the target at every stop."""
     away = position - position.min() if run.beam[0] == "+" else position.max() - position
     if section.distance == "commanded":
         commanded: Vector = run.distance_mm + away
@@ -302,9 +289,6 @@ def _distance_mm(
 
 
 def _roll_urad(run: HeadRun, axis: int, level: Angles, position: Vector) -> Vector:
-    """Return the roll of the target, from the detectors' x towards their y, if a level measured the
-    roll.
-    """
     known = level.get(f"E{'ABC'[axis]}{'XYZ'[axis]}")
     if known is None:
         return np.zeros(len(position))
@@ -332,9 +316,6 @@ def _noise(
     head: Head,
     shift_um: float,
 ) -> _Noise:
-    """Return the part of the uncertainty that differs from pass to pass: drift, scatter of the
-    stop's mean, and parallel shift of the beam.
-    """
     drift_um = 1e-3 * head.lever_mm(distance)[:, None] * found.u_drift_urad
     # the uncertainty of the drift includes the scatter of its detector
     scatter = _by_channel(channels, u_channels, distance, head, (*QD, *PSD2))
@@ -350,10 +331,10 @@ def _noise(
 def _calibration_noise(
     found: Motion, channels: Vector, distance: Vector, head: Head, file: HeadFile
 ) -> _Noise:
-    """Return the uncertainty of the calibration, common to all passes: of straightness without its
-    end-point line, of angles relative to the first one.
+    """Return the uncertainty of the calibration, which is common to all passes: of straightness
+    without its end-point line, and of angles relative to the first angle.
 
-    A calibration file that no commissioning made has no covariance; it states only the uncertainty
+    A calibration file without a commissioning has no covariance; its only uncertainties are those
     of the curves and the lever.
     """
     if not file.uncertainty.of:
@@ -390,12 +371,12 @@ def _calibration_noise(
 
 
 def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) -> Vector:
-    """Return the standard uncertainty (k = 1) of the straightness because the QD's gain does not
-    grow linearly between the two ends, in um, shape (N, 2).
+    """Return the standard uncertainty (k = 1) of the straightness, in um, shape (N, 2), because the
+    QD's gain does not grow linearly between both ends.
 
-    A beam with its waist in the middle of its path grows with the square of the distance from its
-    waist, which gives the largest departure from the chord. The place of the waist is unknown: any
-    departure up to the largest one is equally probable (GUM 4.3.7).
+    The radius of a beam grows with the square of the distance from its waist; a waist in the middle
+    of the path gives the largest departure from the chord. The place of the waist is unknown, so
+    any departure up to the largest one is equally probable (GUM 4.3.7).
     """
     radius_mm = (
         1e-3 * np.sqrt(2.0) * abs(head.qd.x.curve.coefficients_um[1])
@@ -411,9 +392,6 @@ def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) 
 def _by_channel(
     channels: Vector, u_channels: Vector, distance: Vector, head: Head, of: Sequence[int]
 ) -> _Noise:
-    """Return the scatter of straightness and angle that is caused by the scatter of some channels,
-    propagated through the equations channel by channel.
-    """
     still = motion(channels, distance, head)
     total = [np.zeros_like(still.straightness_um) for _ in range(3)]
     for channel in of:
@@ -434,7 +412,6 @@ def _by_channel(
 
 
 def _over_passes(seen: Sequence[Turns]) -> dict[str, KnownAngle]:
-    """Return the mean of every rotation over its passes at their common positions (`_mean`)."""
     names = sorted(
         {name for turns in seen for name in turns}, key=lambda name: (name[2], name[1])
     )
@@ -476,9 +453,8 @@ def _mean(
 def merge_angles(
     level: Angles, head: Angles
 ) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
-    """Return all known angular functions: those of the head, and from the file those that the head
-    does not measure (the rolls); and a finding where both contain the same function.
-    """
+    """Return the angular functions of the head, and from the file those that the head does not
+    measure (the rolls); also a finding for a function that both contain."""
     both = [name for name in head if name in level]
     findings = []
     if both:
@@ -491,7 +467,7 @@ def over_passes(measured: HeadMeasured) -> tuple[MeasuredStraightness, ...]:
     """Return every straightness function as the mean of its passes without their end-point lines,
     at the positions common to all.
 
-    The uncertainty is that of the mean (`_mean`). It includes the effect of the two end points on
+    The uncertainty is that of the mean (`_mean`). It includes the effect of both end points on
     every value between them.
     """
     names = dict.fromkeys(one.name for one in measured.straightness)
@@ -503,9 +479,6 @@ def over_passes(measured: HeadMeasured) -> tuple[MeasuredStraightness, ...]:
 
 
 def _apart(driven: Sequence[Pass], seen: Sequence[_PassSeen]) -> list[Finding]:
-    """Return a finding for each function with two passes in the same direction that differ by more
-    than chance; of several such pairs, the one with the largest difference.
-    """
     worst: dict[str, tuple[float, Finding]] = {}
     for (before, one), (after, other) in combinations(zip(driven, seen, strict=True), 2):
         for mine, theirs in product(_own_lines(one), _own_lines(other)):
@@ -535,9 +508,6 @@ def _apart(driven: Sequence[Pass], seen: Sequence[_PassSeen]) -> list[Finding]:
 
 
 def _own_lines(seen: _PassSeen) -> list[tuple[MeasuredStraightness, Vector, Vector]]:
-    """Return the functions of a pass without their end-point lines, and the part of their
-    uncertainty that differs from pass to pass.
-    """
     return [
         (one, *_own_line(one, shared))
         for one, shared in zip(seen.straightness, seen.shared_um, strict=True)
@@ -566,9 +536,8 @@ def _mean_straightness(
 
 
 def with_ends(position_mm: Vector, u_um: Vector) -> Vector:
-    """Return the uncertainty of values after removal of the line through the first and the last,
-    shape (N,); the two ends stay unchanged.
-    """
+    """Return the uncertainty of values after removal of the line through the first and the last
+    value, shape (N,); both ends stay unchanged."""
     share = (position_mm - position_mm[0]) / ((position_mm[-1] - position_mm[0]) or 1.0)
     between = np.sqrt(u_um**2 + ((1.0 - share) * u_um[0]) ** 2 + (share * u_um[-1]) ** 2)
     ends = (share == 0.0) | (share == 1.0)

@@ -1,6 +1,4 @@
-"""The standstills of the machine in the logs of a commissioning run, and the head's samples during
-them.
-"""
+"""The standstills in the logs of a commissioning run, with the samples of the head."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,16 +19,14 @@ from stepdiag.fourdof.commission import Standing
 from stepdiag.fourdof.record import require_channels
 
 SETTLE_S, SHORTEST_S = 0.3, 1.0
-"""Time in s that is left out after the arrival at a standstill, and the shortest duration of a
-standstill after it: the program stands for two seconds.
-"""
+"""Time in s that is omitted after the arrival at a standstill, and the shortest duration of a
+standstill after it; the program stands for two seconds."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CommissioningRun:
     """A run of the head along one axis (x, y, z): the mounting of the head, and the standstills in
-    the order of time.
-    """
+    the order of time."""
 
     axis: str
     run: HeadRun
@@ -39,8 +35,7 @@ class CommissioningRun:
 
 def commissioning_run(replayed: Replayed) -> CommissioningRun:
     """Return the standstills of the axis in the head's run: at the stops, and at the jogs beside
-    them. Raises DataError without such a run, or for runs of several axes.
-    """
+    them. Raises DataError without such a run, or for runs of several axes."""
     section = replayed.survey.head
     outcomes = [
         (log, one)
@@ -79,7 +74,6 @@ def _standings(log: Log, survey: Survey) -> Iterator[Standing]:
 
 
 def _still(log: Log, survey: Survey) -> Iterator[tuple[Vector, float, float]]:
-    """Yield the places and the certain times of all standstills that the PLC does not signal."""
     try:
         signals = SignalDecoder(survey.plc.signals, survey.plc.parsed())
     except UsageError as error:

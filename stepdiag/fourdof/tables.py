@@ -1,12 +1,12 @@
-"""Tables of multi-axis lasers (position, angles, straightness, roll at once) as readings, angles
+"""Tables of multi-axis lasers (position, angles, straightness and roll at once) as readings, angles
 and straightness.
 
-A column is named by ``FUNCTION=[-]COLUMN[UNIT]~U``: ``EBX=-Pitch[arcsec]~0.1``; U is the standard
-uncertainty (k = 1) in the unit of the column. Rows are in the order of driving. A pass ends where
-the axis reverses, or returns to its beginning in one step; if it reverses at a single stop, that
-stop ends the way out and begins the way back. The value of a function at a target is the mean of
-all passes, for straightness of the passes with the same approach; u is the larger one of the stated
-uncertainty and the scatter of the passes.
+A column is selected by ``FUNCTION=[-]COLUMN[UNIT]~U``, for example ``EBX=-Pitch[arcsec]~0.1``; U is
+the standard uncertainty (k = 1) in the unit of the column. Rows are in the order of driving. A pass
+ends at a reversal of the axis, or where the axis returns to its start in one step. If the reversal
+is a single stop, this stop ends the outward pass and begins the back pass. The value of a function
+at a target is the mean of all passes, for straightness of the passes with the same approach. u is
+the larger of the given uncertainty and the scatter of the passes.
 """
 
 import math
@@ -39,8 +39,7 @@ UNITS = {**UM, **URAD}
 POSITION = "position"
 BACK_AT_ONCE = 0.9
 """Share of the travel above which a single step counts as the return of the axis to the start of
-the next run.
-"""
+the next run."""
 _NAMED = re.compile(
     r"(?P<name>\w+)=(?P<sign>-?)(?P<column>.+)\[(?P<unit>\w+)\](?:~(?P<u>[0-9.]+))?"
 )
@@ -49,8 +48,7 @@ _NAMED = re.compile(
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
     """A column of a table: its factor to mm (position), um or urad, with the sign; and its standard
-    uncertainty in the same unit, NaN if not stated.
-    """
+    uncertainty in the same unit, NaN if unknown."""
 
     name: str
     factor: float
@@ -59,9 +57,8 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Table:
-    """A run in a table: rows in the order of driving. ``number`` (rows,) is the pass, odd in +;
-    ``turned`` marks a row that also ends the previous pass.
-    """
+    """A run in a table, rows in the order of driving. ``number`` (rows,) is the pass, odd in +;
+    ``turned`` is true for a row that also ends the previous pass."""
 
     setup: str
     position_mm: Vector
@@ -72,8 +69,7 @@ class Table:
 
 def columns_named(options: Sequence[str]) -> dict[str, Column]:
     """Return the columns of a table by function. Raises ``UsageError`` for an invalid name, a unit
-    of another kind, or a missing position.
-    """
+    of another kind, or a missing position."""
     columns: dict[str, Column] = {}
     for option in options:
         part = _NAMED.fullmatch(option)
@@ -133,9 +129,6 @@ def parse_run(text: str, setup: str, columns: Mapping[str, Column], source: str)
 
 
 def _passes(position_mm: Vector, source: str) -> tuple[Whole, Whole, Flags]:
-    """Return the rows of all passes (a single stop at a reversal belongs to two passes), the number
-    of the pass of each row, and the rows that also end the previous pass.
-    """
     step, travel = (
         np.diff(position_mm),
         float(np.ptp(position_mm)) if len(position_mm) else 0.0,
@@ -165,8 +158,7 @@ def readings_of(
     tables: Sequence[Table], columns: Mapping[str, Column], at_mm: Sequence[Vector]
 ) -> Readings | None:
     """Return the linear runs of the tables with positioning, each on a line through ``at_mm``; None
-    without such a table.
-    """
+    without such a table."""
     parts = [
         (table, place)
         for table, place in zip(tables, at_mm, strict=True)
@@ -199,14 +191,12 @@ def _positioning(table: Table) -> str:
 
 
 def _stops(number: Whole) -> Whole:
-    """Return the number of each row within its pass."""
     first = np.searchsorted(number, number)
     stops: Whole = np.arange(len(number)) - first
     return stops
 
 
 def angles_of(tables: Sequence[Table], columns: Mapping[str, Column]) -> Angles:
-    """Return the angular functions in the tables."""
     found: dict[str, KnownAngle] = {}
     for table in tables:
         for name in (name for name in ROTATIONS if name in table.values):
@@ -221,8 +211,7 @@ def straightness_of(
     tables: Sequence[Table], columns: Mapping[str, Column]
 ) -> tuple[MeasuredStraightness, ...]:
     """Return the straightness functions in the tables by approach. Raises ``UsageError`` without a
-    stated uncertainty.
-    """
+    given uncertainty."""
     found: list[MeasuredStraightness] = []
     for table in tables:
         for name in (
@@ -249,9 +238,6 @@ def straightness_of(
 
 
 def _means(table: Table, name: str, rows: Flags, u: float) -> tuple[Vector, Vector, Vector]:
-    """Return the targets, the mean of the passes at each target, and its standard uncertainty; the
-    values of each pass are relative to the mean of the pass.
-    """
     number, values = table.number[rows], table.values[name][rows]
     at, place = np.unique(table.position_mm[rows], return_inverse=True)
     free = values - np.array([np.mean(values[number == one]) for one in number])

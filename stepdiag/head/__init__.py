@@ -1,4 +1,4 @@
-"""The 4-DOF head on the command line: the sources of its samples and the display of its results.
+"""The 4-DOF head on the command line: sources of samples, and display of results.
 
-In: a port, logs or files. Out: tables and drawings. `cli.fourdof` imports this package.
+`cli.fourdof` imports this package.
 """

@@ -1,6 +1,5 @@
-"""Sources of data for the commands of the 4-DOF head: a live head, a log, a CSV, input at the
-stage, a calibration file.
-"""
+"""Sources of data for the commands of the 4-DOF head: live head, log, CSV, input at the stage,
+calibration file."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,13 +17,11 @@ if TYPE_CHECKING:
     from stepdiag.fourdof.runs import HeadMeasured
 
 STAGE_S = 1.0
-"""Averaging time of the head at each place of a live calibration, in s."""
+"""Averaging time in s of the head at each place of a live calibration."""
 
 
 def head_of_logs(logs: list[Path]) -> "HeadMeasured":
-    """Return the results of the head's passes in these logs. Raises DataError where no pass is
-    complete.
-    """
+    """Return the results of the head's passes in logs. Raises DataError without a complete pass."""
     from stepdiag.completion import completion
     from stepdiag.daq.replay import find_logs, replay
 
@@ -42,11 +39,11 @@ def head_of_logs(logs: list[Path]) -> "HeadMeasured":
 def head_record(
     source: Path, default_s: float, ask: str = "", *, stated_s: float | None = None
 ) -> "HeadRecord":
-    """Return the samples of a source, whose kind is recognised by its suffix; if ``ask`` names a
-    preparation, a live recording begins after Enter.
+    """Return the samples of a source, whose suffix determines its kind. If ``ask`` is a request to
+    the person, a live recording begins after Enter.
 
-    A live head is recorded for ``stated_s`` seconds, or ``default_s``. Raises ``UsageError`` if a
-    time is stated for a log or a CSV.
+    A live head is recorded for ``stated_s`` seconds, or ``default_s``. Raises ``UsageError`` for a
+    time with a log or a CSV.
     """
     from stepdiag.base.files import read_text
     from stepdiag.daq.survey.file import load_survey
@@ -74,9 +71,7 @@ def head_record(
 
 
 def read_calibration(path: Path) -> "HeadFile":
-    """Return a calibration file. Raises UsageError where the file cannot be read or a field is
-    wrong.
-    """
+    """Return a calibration file. Raises UsageError for an unreadable file or a wrong field."""
     from stepdiag.base.files import LARGEST_SETTINGS_BYTES, read_bytes
     from stepdiag.daq.survey.head_file import parse_head_file
 
@@ -86,7 +81,7 @@ def read_calibration(path: Path) -> "HeadFile":
 
 
 def write_calibration(path: Path, file: "HeadFile") -> None:
-    """Write a calibration file, never over another file."""
+    """Write a new calibration file."""
     from stepdiag.base.files import write_new
     from stepdiag.daq.survey.head_file import render_head_file
 
@@ -95,8 +90,7 @@ def write_calibration(path: Path, file: "HeadFile") -> None:
 
 def stage_run(source: Path, detector: "DetectorName", axis: "AxisName") -> "StageRun":
     """Return the readings of one detector axis and of the stage: from a two-column CSV, or live
-    while the person moves the stage.
-    """
+    while a person moves the stage."""
     from stepdiag.base.files import read_text
     from stepdiag.fourdof.commissioning import parse_stage_run
 
@@ -106,9 +100,6 @@ def stage_run(source: Path, detector: "DetectorName", axis: "AxisName") -> "Stag
 
 
 def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "StageRun":
-    """Ask the person for the reading of the stage at every place, and average the samples of the
-    head there.
-    """
     import numpy as np
 
     from stepdiag.fourdof.commissioning import StageRun
@@ -141,9 +132,8 @@ def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "St
 
 
 def curves_of_logs(paths: list[Path]) -> "Curves":
-    """Return the head's functions in these logs in the form for comparison: straightness in um,
-    angles in arc-seconds.
-    """
+    """Return the head's functions in logs for comparison: straightness in um, angles in
+    arc-seconds."""
     from stepdiag.fourdof.runs import mean_straightness
     from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC
 

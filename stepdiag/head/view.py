@@ -27,7 +27,7 @@ from stepdiag.texts.texts import UNITS
 
 DETECTORS = ("QD", "PSD1", "PSD2")
 BAR = 6
-"""Half the width, in characters, of the bar that shows a spot's place."""
+"""Half the width, in characters, of the bar that shows the place of a spot."""
 REFRESH_HZ = 10
 LINES: tuple[LineMethod, ...] = ("end-point", "least-squares", "minimum-zone")
 PAPER_UM, PAPER_ARCSEC = 1.5, 1.5
@@ -35,7 +35,7 @@ PAPER_UM, PAPER_ARCSEC = 1.5, 1.5
 
 
 class AlignView:
-    """A display of the spots and sums of the newest samples, drawn anew ten times a second."""
+    """A display of the spots and sums of the newest samples, drawn ten times per second."""
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or Console()
@@ -44,7 +44,6 @@ class AlignView:
 
     @contextmanager
     def live(self) -> Iterator[None]:
-        """Show the samples given to `take` until the block ends."""
         with Live(
             empty_table(message("waiting-for-head")),
             console=self._console,
@@ -55,20 +54,17 @@ class AlignView:
         self._live = None
 
     def take(self, batch: Samples) -> None:
-        """Store a batch of samples as the newest."""
         if self._live is not None and batch.channels is not None:
             flags = int(np.bitwise_or.reduce(batch.flags))
             self._live.update(self.table(batch.channels.mean(axis=0), flags))
 
     def show_last(self, record: HeadRecord) -> None:
-        """Print the mean over the last second of a recording."""
         last = record.channels[record.time_s >= record.time_s[-1] - 1.0]
         self._console.print(self.table(last.mean(axis=0), 0))
 
     def table(self, channels: Vector, flags: int) -> Table:
         """Return a table with one row per detector: place of the spot from -1 to 1 as number and
-        bar, sum, and sum relative to the highest sum until now.
-        """
+        bar, sum, and sum relative to the highest sum."""
         flagged = ", ".join(
             name.lower().replace("_", " ")
             for flag, name in ((flag, str(flag.name)) for flag in Flag)
@@ -104,8 +100,7 @@ def _bar(value: float) -> str:
 
 def commission_table(done: HeadCommissioned) -> None:
     """Print one row per field of the calibration file that the commissioning determined: its value
-    and its U (k = 2).
-    """
+    and its U (k = 2)."""
     table = empty_table(message("table-commissioned"))
     for name, value, u in zip(
         done.file.uncertainty.of, done.found.value, done.file.uncertainty.u, strict=True
@@ -124,8 +119,7 @@ def commission_table(done: HeadCommissioned) -> None:
 
 def calibration_table(fits: Mapping[str, Calibrated]) -> None:
     """Print one row per detector axis: range, residuals, uncertainty, and whether the residuals are
-    within those of the published head.
-    """
+    smaller than those of the published head."""
     table = empty_table(message("table-calibration"))
     for name, each in fits.items():
         low, high = each.limits
@@ -147,7 +141,6 @@ def calibration_table(fits: Mapping[str, Calibrated]) -> None:
 
 
 def calibration_charts(fits: Mapping[str, Calibrated]) -> list[str]:
-    """Return a chart of the residuals of every detector axis over the reference."""
     drawn = []
     for name, each in fits.items():
         order = np.argsort(each.run.reference)
@@ -165,9 +158,8 @@ def calibration_charts(fits: Mapping[str, Calibrated]) -> list[str]:
 
 
 def stability_table(found: Mapping[str, Stability]) -> None:
-    """Print one row per quantity: fluctuation (largest minus smallest) raw and compensated, the
-    part removed, standard deviations.
-    """
+    """Print one row per quantity: fluctuation (largest minus smallest value) raw and compensated,
+    the removed part, standard deviations."""
     table = empty_table(message("table-stability"))
     table.columns[0].no_wrap = True
     for name, each in found.items():
@@ -186,8 +178,7 @@ def stability_table(found: Mapping[str, Stability]) -> None:
 
 def allan_charts(found: Mapping[str, Stability]) -> list[str]:
     """Return a chart for each quantity: the Allan deviation, raw and compensated, over the
-    averaging time.
-    """
+    averaging time."""
     drawn = []
     for name, each in found.items():
         octaves = np.log10(each.tau_s)
@@ -211,8 +202,7 @@ def allan_charts(found: Mapping[str, Stability]) -> list[str]:
 
 def head_table(straight: Sequence[MeasuredStraightness], angles: Angles) -> None:
     """Print one row per function: straightness by the three reference lines, or the range of an
-    angle; and U (k = 2) of a value.
-    """
+    angle, with U (k = 2)."""
     table = empty_table(message("table-head"))
     for one in straight:
         lines = (
@@ -232,7 +222,6 @@ def head_table(straight: Sequence[MeasuredStraightness], angles: Angles) -> None
 
 
 def comparison_table(found: Mapping[str, Comparison]) -> None:
-    """Print one row per function: its residuals against the reference."""
     table = empty_table(message("table-head-reference"))
     for name, each in found.items():
         figures = (f"{each.lowest:+.2f}", f"{each.highest:+.2f}", f"{each.rms:.2f}")
@@ -241,9 +230,8 @@ def comparison_table(found: Mapping[str, Comparison]) -> None:
 
 
 def arm_lines(arms: Mapping[str, Arm]) -> Iterator[str]:
-    """Yield, for every axis, the place of one head relative to the other (with U, k = 2), and the
-    rms effect of this distance on the functions.
-    """
+    """Yield, for every axis, the place of one head relative to the other head (with U, k = 2), and
+    the rms effect of this distance on the functions."""
     for axis, arm in arms.items():
         offsets = zip("xyz", arm.mm, arm.u_mm, strict=True)
         places = ", ".join(
@@ -256,7 +244,6 @@ def arm_lines(arms: Mapping[str, Arm]) -> Iterator[str]:
 
 
 def comparison_charts(found: Mapping[str, Comparison]) -> list[str]:
-    """Return a chart of the residuals of every function."""
     return [
         line_chart(
             [Series(label=name, x=each.position_mm, y=each.residual)],

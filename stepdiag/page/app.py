@@ -1,8 +1,7 @@
-"""The page as an application: the live stream, the texts, the downloads, and the commands of
-permitted users.
+"""The page as an application: live stream, texts, downloads, and commands of permitted users.
 
 The application runs in a separate process (`stepdiag.page.process`); `RemoteDaemon` is its only
-access to the daemon.
+connection to the daemon.
 """
 
 import asyncio
@@ -38,19 +37,15 @@ from stepdiag.texts.texts import LANGUAGES, catalogue
 STATIC = Path(str(files("stepdiag.page") / "static"))
 LONGEST_COMMAND = 3000
 """Largest number of bytes read from the body of a command; the pipe to the daemon accepts this
-number at once.
-"""
+number at once."""
 BODY_S = 5.0
-"""Longest time for the body of a request in s."""
+"""Longest time in s for the body of a request."""
 MOST_READERS = 200
-"""Largest number of live streams at a time; one address may have half of this number. A stream is
-counted before it is accepted.
-"""
+"""Largest number of live streams at a time; one address can have half of them. A stream is counted
+before it is accepted."""
 
 
 class Ordered(msgspec.Struct, frozen=True):
-    """The body of a request for a command: the name of the command and its arguments."""
-
     name: CommandName
     arguments: dict[str, str] = {}
 
@@ -59,7 +54,7 @@ class Daemon(Protocol):
     """The interface of the daemon for the page (`stepdiag.page.remote.RemoteDaemon`)."""
 
     def watch(self, *, on: bool) -> None:
-        """Have the daemon send snapshots from now on, or no more."""
+        """Start or stop the snapshots of the daemon."""
 
     async def picture(self) -> Picture:
         """Return the present snapshot. Raises DeviceError for a silent daemon."""
@@ -68,8 +63,7 @@ class Daemon(Protocol):
         self, name: CommandName, arguments: dict[str, str], address: str
     ) -> Words:
         """Request a command; return the reason of a refusal, empty after success. Raises
-        DeviceError for a silent daemon.
-        """
+        DeviceError for a silent daemon."""
 
     def say_guesses(self, address: str, count: int) -> None:
         """Report a number of wrong tokens from an address."""
@@ -79,8 +73,6 @@ class Daemon(Protocol):
 
 
 class Page:
-    """The responses of the page to the requests of a browser."""
-
     def __init__(self, daemon: Daemon, settings: PageSettings) -> None:
         self._daemon = daemon
         self._settings = settings
@@ -91,15 +83,11 @@ class Page:
         """Rights that the kernel could not remove from this process (`stepdiag.walls.confine`)."""
 
     async def index(self, _request: Request) -> Response:
-        """Respond with the HTML file of the page."""
         return FileResponse(STATIC / "index.html")
 
     async def about(self, _request: Request) -> Response:
-        """Respond with the data that the page needs before the stream: language, version, and
-        whether a token is configured (without a token the page accepts no command).
-
-        The response also lists the rights that the kernel could not remove from this process.
-        """
+        """Respond with the language, the version, whether a token is configured (the page requires
+        a token for commands), and the rights that the kernel could not remove from this process."""
         return JSONResponse(
             {
                 "language": self._settings.language,
@@ -111,7 +99,6 @@ class Page:
         )
 
     async def texts(self, request: Request) -> Response:
-        """Respond with the words of one language."""
         language = next(
             (known for known in LANGUAGES if known == request.path_params["language"]), None
         )
@@ -121,7 +108,6 @@ class Page:
         return JSONResponse(words)
 
     async def stream(self, request: Request) -> Response:
-        """Respond with the live stream of the survey."""
         address = address_of(request)
         if (
             self._readers.total() >= MOST_READERS
@@ -131,7 +117,6 @@ class Page:
         return _CountedStream(self.broadcaster, self._readers, address)
 
     async def result(self, request: Request) -> Response:
-        """Respond with the result of the last complete survey."""
         if not await self.access.reads(request):
             return _locked()
         path = (await self._daemon.picture()).result
@@ -142,9 +127,8 @@ class Page:
         )
 
     async def conclusion(self, _request: Request) -> Response:
-        """Respond with the conclusion of the survey shown. Every visitor of the page may read the
-        conclusion; the files need the token.
-        """
+        """Respond with the conclusion of the survey. Every visitor may read the conclusion; the
+        files require the token."""
         found = next((one for one in await self._listed() if one.name == CONCLUSION), None)
         if found is None:
             return refused(404, message("page-no-conclusion"))
@@ -153,7 +137,6 @@ class Page:
         )
 
     async def downloads(self, request: Request) -> Response:
-        """Respond with the list of files for download."""
         if not await self.access.reads(request):
             return _locked()
         fields = ("name", "kind", "size_bytes", "sha256", "group")
@@ -162,9 +145,7 @@ class Page:
         )
 
     async def download(self, request: Request) -> Response:
-        """Respond with a file from the list for download; any other name is answered as not
-        found.
-        """
+        """Respond with a file from the list of downloads; any other name gives 404."""
         if not await self.access.reads(request):
             return _locked()
         wanted = request.path_params["name"]
@@ -176,9 +157,8 @@ class Page:
         return _file(found)
 
     async def open(self, request: Request) -> Response:
-        """Respond whether the token of the request permits commands; from then on this browser may
-        download files.
-        """
+        """Respond whether the token of the request permits commands; after a right token the
+        browser may download files."""
         if not await self.access.commands(request):
             return refused(403, message("page-wrong-token"))
         answer = Response(status_code=204)
@@ -186,9 +166,8 @@ class Page:
         return answer
 
     async def command(self, request: Request) -> Response:
-        """Execute a command. The status is 204 after execution, 400 for a command that is not
-        understood, 403 for a missing right, 409 for a refusal, with its reason.
-        """
+        """Execute a command. The status is 204 after execution, 400 for an invalid command, 403 for
+        a missing right, 409 with the reason for a refusal."""
         if not await self.access.commands(request):
             return refused(
                 403,
@@ -213,10 +192,6 @@ class Page:
 
 
 class _CountedStream(Response):
-    """The live stream of one reader. The reader is counted from now until the end of the
-    response.
-    """
-
     def __init__(self, broadcaster: Broadcaster, readers: Counter[str], address: str) -> None:
         self._readers = readers
         self._address = address
@@ -224,7 +199,6 @@ class _CountedStream(Response):
         readers[address] += 1
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the events of the stream as they arrive."""
         try:
             await self._stream(scope, receive, send)
         finally:
@@ -233,9 +207,8 @@ class _CountedStream(Response):
 
 
 async def _limited_body(request: Request) -> bytes | None:
-    """Return the body of a request, or None where it is longer than any command, or takes
-    too long.
-    """
+    """Return the body of a request, or None for a body that is longer than any command or takes too
+    long."""
     body = b""
     try:
         async with asyncio.timeout(BODY_S):

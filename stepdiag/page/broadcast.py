@@ -1,6 +1,5 @@
-"""Distribution of snapshots: each snapshot is encoded once for all readers, and a slow reader
-receives only the latest one.
-"""
+"""Distribution of snapshots: each snapshot is encoded once for all readers, and a slow reader gets
+only the latest one."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
@@ -16,12 +15,11 @@ RETRY_MS = 500
 
 
 def encode_event(name: str, content: dict[str, Any]) -> bytes:
-    """Return plain data as one server-sent event."""
     return b"event: " + name.encode() + b"\ndata: " + msgspec.json.encode(content) + b"\n\n"
 
 
 class Mailbox:
-    """Events that a reader has not received yet: at most one of each kind, the newest."""
+    """Events that a reader has not received: at most one of each kind, the newest."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, bytes] = {}
@@ -29,19 +27,15 @@ class Mailbox:
         self._closed = False
 
     def put(self, kind: str, event: bytes) -> None:
-        """Put an event into the mailbox, in place of a waiting event of the same kind."""
         self._waiting[kind] = event
         self._filled.set()
 
     def close(self) -> None:
-        """End the stream after the events in the mailbox."""
         self._closed = True
         self._filled.set()
 
     async def events(self) -> AsyncIterator[bytes]:
-        """Yield the events that arrived since the last time, joined into one text, until
-        `close`.
-        """
+        """Yield the events since the last time, joined into one text, until `close`."""
         while True:
             await self._filled.wait()
             self._filled.clear()
@@ -54,9 +48,8 @@ class Mailbox:
 
 
 class Broadcaster:
-    """Puts the snapshots into the mailbox of every reader; ``on_readers`` is called when the first
-    reader connects and when the last reader has left.
-    """
+    """The mailboxes of all readers. ``on_readers`` is called when the first reader connects and
+    when the last reader leaves."""
 
     def __init__(self, on_readers: Callable[[bool], None]) -> None:
         self._on_readers = on_readers
@@ -66,9 +59,7 @@ class Broadcaster:
         self._slow_event = b""
 
     async def stream(self) -> AsyncIterator[bytes]:
-        """Yield the server-sent events of one reader, from the next snapshot on, until the page
-        closes or the reader leaves.
-        """
+        """Yield the server-sent events of one reader, from the next snapshot on."""
         mailbox = Mailbox()
         self._mailboxes.add(mailbox)
         self._newcomers.add(mailbox)
@@ -85,8 +76,7 @@ class Broadcaster:
 
     def show(self, snapshot: Snapshot) -> None:
         """Send a snapshot to all readers. The slow parts of a snapshot are sent only after a
-        change, and to new readers.
-        """
+        change, and to new readers."""
         changed = self._refresh(snapshot)
         now = encode_event("now", now_view(snapshot))
         for mailbox in self._newcomers:
@@ -98,14 +88,10 @@ class Broadcaster:
         self._newcomers.clear()
 
     def close(self) -> None:
-        """End the streams of all readers."""
         for mailbox in self._mailboxes:
             mailbox.close()
 
     def _refresh(self, snapshot: Snapshot) -> bool:
-        """Encode the slow parts of a snapshot again if they changed; return whether they
-        changed.
-        """
         slow = tuple(getattr(snapshot, name) for name in SLOW_FIELDS)
         if slow == self._slow and self._slow_event:
             return False

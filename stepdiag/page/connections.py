@@ -1,8 +1,7 @@
-"""Admission of connections: their number is limited, a single address may have half of this number,
-and each connection must send its request soon.
+"""Admission of connections: their number is limited, one address can have half of this number, and
+the request must arrive soon.
 
-The limits apply where a connection is accepted, before the connection uses any memory or a line in
-a log.
+The limits apply before a connection uses memory or a line in a log.
 """
 
 import asyncio
@@ -15,13 +14,11 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MOST_CONNECTIONS = 300
 MOST_OF_ONE_ADDRESS = MOST_CONNECTIONS // 2
-"""Largest number of connections of one address, so that no address can keep all others out."""
+"""Largest number of connections of one address, so that no address excludes all others."""
 HEAD_S = 10.0
-"""Longest time in s for the header of a request, from the moment at which its first byte may
-arrive.
-"""
+"""Longest time in s for the header of a request, from the moment at which its first byte can
+arrive."""
 LONGEST_HEAD = 16_384
-"""Largest size of the header of a request in bytes."""
 
 
 class CappedListener(socket.socket):
@@ -35,8 +32,7 @@ class CappedListener(socket.socket):
 
     def accept(self) -> tuple[socket.socket, tuple[str, int]]:
         """Return the next connection. Raises ConnectionAbortedError for a surplus connection, which
-        asyncio treats as a client that has left.
-        """
+        asyncio treats as a client that has left."""
         guest, address = super().accept()
         self._open = {each: host for each, host in self._open.items() if each.fileno() >= 0}
         host = str(address[0])
@@ -52,42 +48,36 @@ class CappedListener(socket.socket):
 
 
 class PunctualLoop(asyncio.SelectorEventLoop):
-    """An event loop that gives a client the same time for the TLS handshake as for a request."""
+    """An event loop with the same time limit for the TLS handshake as for a request."""
 
     async def create_server(self, *args: Any, **options: Any) -> asyncio.Server:
-        """Listen at an address; the time limit for the TLS handshake is that of `PunctualProtocol`
-        instead of the library's minute.
-        """
+        """Listen at an address; the time limit for the TLS handshake is `HEAD_S` instead of the
+        library's minute."""
         if options.get("ssl") is not None:
             options |= {"ssl_handshake_timeout": HEAD_S, "ssl_shutdown_timeout": HEAD_S}
         return await super().create_server(*args, **options)
 
 
 class PunctualProtocol(H11Protocol):
-    """The HTTP protocol with a time limit: the header of a request must arrive within `HEAD_S`,
-    from the beginning of the connection or from the end of the previous answer.
-    """
+    """The HTTP protocol with a time limit: the header of a request must arrive within `HEAD_S`
+    after the beginning of the connection or the end of the previous answer."""
 
     _patience: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin to wait for the header of the first request."""
         super().connection_made(transport)
         self._await_head()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End the waiting for a header after the connection was lost."""
         self._stop_waiting()
         super().connection_lost(exc)
 
     def handle_events(self) -> None:
-        """Process received bytes; a complete header ends the waiting."""
         super().handle_events()
         if self.cycle is not None and not self.cycle.response_complete:
             self._stop_waiting()
 
     def on_response_complete(self) -> None:
-        """Wait for the header of the next request."""
         self._await_head()
         super().on_response_complete()
 

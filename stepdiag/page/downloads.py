@@ -16,10 +16,10 @@ from stepdiag.exporters.files.sets import whole
 
 
 def downloads_of(folder: Path) -> tuple[Download, ...]:
-    """Return result, report, readings, controller files and logs of a survey's folder; an empty
-    list as long as no file exists.
+    """Return result, report, readings, controller files and logs of a survey's folder; empty
+    without files.
 
-    A link that leads out of the folder does not belong to its files.
+    A link out of the folder is left out.
     """
     if not folder.is_dir():
         return ()
@@ -50,14 +50,10 @@ def downloads_of(folder: Path) -> tuple[Download, ...]:
 
 
 def _stands_in(folder: Path, path: Path) -> bool:
-    """Return whether a file belongs to a survey's folder: a link that leads out of the folder does
-    not.
-    """
     return path.resolve().is_relative_to(folder.resolve())
 
 
 def _bundles(exports: Path) -> Iterator[Download]:
-    """Yield two bundles of files for each control: the files to load, and the files to restore."""
     for folder in sorted(exports.iterdir()) if exports.is_dir() else ():
         if (
             folder.is_dir()
@@ -80,9 +76,8 @@ def _bundles(exports: Path) -> Iterator[Download]:
 
 
 def _exported(folder: Path) -> list[Path]:
-    """Return the files of every complete set; for an incomplete set return only the reason of its
-    refusal, because for some controls a .txt is a file to load.
-    """
+    """Return the files of every complete set. For an incomplete set, return only the reason of its
+    refusal, because a .txt is a file to load for some controls."""
     if not folder.is_dir():
         return []
     found: list[Path] = []

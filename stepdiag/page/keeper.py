@@ -1,13 +1,13 @@
-"""The part of the daemon that serves the page: it sends snapshots and receives commands.
+"""The part of the daemon that sends snapshots to the page and receives its commands.
 
 As a service, the page is a systemd unit with its own account. Systemd starts this unit for the
-first visitor, and the unit connects by a socket of the file system. The kernel names the calling
-account (SO_PEERCRED, unix(7)), and no other account is served. Without the service, the daemon
-opens the page's address and keeps a process for the page, connected by a pair of sockets.
+first visitor, and the unit connects by a socket of the file system. The kernel identifies the
+calling account (SO_PEERCRED, unix(7)), and any other account is refused. Without the service, the
+daemon opens the address of the page and starts a process for it, connected by a pair of sockets.
 
-The daemon trusts the messages of the page as little as those of a browser: it limits their size and
-number and checks them. Messages that the page does not receive in time are left out. No failure of
-this module ends the daemon.
+The daemon trusts the messages of the page as little as those of a browser: it checks them and
+limits their size and number. Messages that the page does not receive in time are omitted. No
+failure of this module ends the daemon.
 """
 
 import asyncio
@@ -50,25 +50,22 @@ from stepdiag.page.messages import (
 SHORTEST_S = 0.1
 """Shortest time in s between two snapshots."""
 HEARTBEAT_S = 0.25
-"""Longest time in s between two snapshots: a reader that has received none for 0.8 s recognises a
-fault.
-"""
+"""Longest time in s between two snapshots; a reader reports a fault after 0.8 s without a
+snapshot."""
 REQUEST_S = 0.01
-"""Shortest time in s between two requests of the page that are processed."""
+"""Shortest time in s between two requests of the page."""
 MOST_UNREAD = 1_000_000
-"""Number of bytes that the page has not received yet above which the page is restarted."""
+"""Number of unreceived bytes above which the page is restarted."""
 AGAIN_S = (0.2, 1.0, 5.0, 30.0)
 """Times in s before the second start of the page, the third, and so on. After the page has run for
-`LIVED_S`, the series begins again.
-"""
+`LIVED_S`, the series begins again."""
 LIVED_S = 60.0
 GRACE_S = 1.0
-"""Time in s that the page has at the end of the daemon to end its streams and downloads."""
+"""Time in s in which the page can finish its streams and downloads at the end of the daemon."""
 BACKLOG = 128
 LAST_WORDS = 2000
 """Largest number of characters of a failure in the log: the rest of a traceback adds no
-information.
-"""
+information."""
 _ENVIRONMENT = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE")
 _log = structlog.get_logger("page")
 
@@ -82,9 +79,8 @@ class Listeners:
 
     @classmethod
     def opened(cls, page: Page, metrics: Metrics) -> "Listeners":
-        """Return the listening sockets for the addresses in a survey file. Raises DeviceError where
-        one of these addresses cannot be opened.
-        """
+        """Return the listening sockets for the addresses in a survey file. Raises DeviceError for
+        an address that cannot be opened."""
         shown = open_listener(page.host, page.port, "page") if page.enabled else None
         try:
             return cls(
@@ -100,31 +96,25 @@ class Listeners:
 
     @property
     def descriptors(self) -> tuple[str, str]:
-        """Return the descriptors of page and metrics as arguments for the page's process, ``-`` for
-        a service that is off.
-        """
+        """Return the descriptors of page and metrics as arguments of the page's process, ``-`` for
+        a service that is off."""
         return _descriptor(self.page), _descriptor(self.metrics)
 
     @property
     def open(self) -> tuple[int, ...]:
-        """Return the descriptors that the page's process inherits: those of the services that are
-        on.
-        """
+        """Return the descriptors that the page's process inherits."""
         return tuple(each.fileno() for each in (self.page, self.metrics) if each is not None)
 
     def close(self) -> None:
-        """Close the listening sockets."""
         for each in (self.page, self.metrics):
             if each is not None:
                 each.close()
 
 
 def open_listener(host: str, port: int, section: str) -> socket.socket:
-    """Return a listening socket; DeviceError where the address is in use or not this machine's.
-    Port 0 uses any free port.
-
-    ``section`` is the section of the address in the survey file.
-    """
+    """Return a listening socket. Port 0 uses any free port; ``section`` is the section of the
+    address in the survey file. Raises DeviceError for an address that is in use or not of this
+    computer."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -147,8 +137,7 @@ async def page_served(
     path: Path, account: int, source: StatusSource, figures: Callable[[], Figures]
 ) -> AsyncIterator[None]:
     """Serve the page of another account by a socket of the file system while the block runs; a new
-    connection replaces the former one.
-    """
+    connection replaces the previous one."""
     visits: set[asyncio.Task[None]] = set()
 
     async def welcome(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -194,7 +183,7 @@ async def page_kept(
     listeners: Listeners,
     figures: Callable[[], Figures] | None = None,
 ) -> AsyncIterator[None]:
-    """Keep the page's process while the block runs; the listeners are closed at its end."""
+    """Run the page's process while the block runs; close the listeners at its end."""
     keeper = PageKeeper(source, settings, listeners, figures)
     task = asyncio.create_task(keeper.run(), name="page keeper")
     try:
@@ -222,7 +211,6 @@ class PageKeeper:
         self._figures = figures
 
     async def run(self) -> None:
-        """Keep the page's process running until this task is cancelled."""
         failures = 0
         while True:
             began_s = time.monotonic()
@@ -236,9 +224,6 @@ class PageKeeper:
             await asyncio.sleep(wait_s)
 
     async def _one_life(self) -> str:
-        """Run the process to its end; return its last messages. A failure of this function ends the
-        process and has no other effect.
-        """
         ours, theirs = socket.socketpair()
         with ours, theirs:
             try:
@@ -285,9 +270,8 @@ class PageKeeper:
 
 
 class _Line:
-    """The connection to the page. Data that the page does not receive are not sent: a snapshot is
-    left out, and too many bytes of other data end the connection.
-    """
+    """The connection to the page. A snapshot that the page does not receive is omitted; too many
+    bytes of other data end the connection."""
 
     def __init__(self, transport: asyncio.WriteTransport) -> None:
         self._transport = transport
@@ -298,22 +282,16 @@ class _Line:
         return self._transport.get_write_buffer_size() == 0
 
     def send(self, sent: object) -> None:
-        """Send a message. Raises ConnectionError where the page has stopped to listen."""
         if self._transport.get_write_buffer_size() > MOST_UNREAD:
             raise ConnectionError(message("answers-not-fetched"))
         self._transport.write(framed(sent))
 
     def close(self) -> None:
-        """Close the connection without waiting; a broken connection is closed already."""
         if not self._transport.is_closing():
             self._transport.abort()
 
 
 class _Visit:
-    """One run of the page's process: its requests, and the snapshots that it receives while it has
-    viewers.
-    """
-
     def __init__(
         self, source: StatusSource, line: _Line, figures: Callable[[], Figures] | None
     ) -> None:
@@ -324,9 +302,6 @@ class _Visit:
         self._faults = 0
 
     async def hear(self, reader: asyncio.StreamReader) -> None:
-        """Execute the requests of the page one after another. Raises the error for which the page
-        is no longer served.
-        """
         with suppress(asyncio.IncompleteReadError):
             while True:
                 length = int.from_bytes(await reader.readexactly(LENGTH_BYTES), "big")
@@ -336,7 +311,6 @@ class _Visit:
                 await asyncio.sleep(REQUEST_S)
 
     def close(self) -> None:
-        """Send no more snapshots to the page."""
         if self._pictures is not None:
             self._pictures.cancel()
             self._pictures = None
@@ -365,15 +339,11 @@ class _Visit:
                 )
 
     def _say_fault(self, text: str) -> None:
-        """Log a fault of the page, but not for every request of a client that can cause this
-        fault.
-        """
         self._faults += 1
         if str(self._faults).strip("0") == "1":
             _log.error("page-fault", words=text[:LAST_WORDS], count=self._faults)
 
     async def _obey(self, order: Order) -> Words:
-        """Execute a command; return the reason of a refusal, empty after execution."""
         with structlog.contextvars.bound_contextvars(address=order.address[:100]):
             try:
                 await self._source.command(order.name, order.arguments)
@@ -391,7 +361,6 @@ class _Visit:
             self._send_picture()
 
     async def _send_pictures(self) -> None:
-        """Send a snapshot after each change, at a rate that a viewer can follow."""
         while True:
             sequence = self._send_picture()
             await asyncio.sleep(SHORTEST_S)
@@ -415,7 +384,6 @@ class _Visit:
 
 
 async def _ended(child: asyncio.subprocess.Process) -> None:
-    """End the page's process: it ends when its pipe is closed, and is killed if it does not."""
     try:
         async with asyncio.timeout(GRACE_S):
             await child.wait()
@@ -426,7 +394,6 @@ async def _ended(child: asyncio.subprocess.Process) -> None:
 
 
 async def _last_words(child: asyncio.subprocess.Process) -> str:
-    """Return the end of the process's standard error, which is read until the process ends."""
     assert child.stderr is not None
     kept = b""
     while part := await child.stderr.read(LAST_WORDS):

@@ -1,8 +1,8 @@
 """Messages between the recording process and the page's process: a pipe in each direction, each
 message preceded by its length.
 
-The page can send only three requests: for a snapshot, for the figures, or for a command from a
-list. Nothing else in the page's process can affect the recording.
+The page has only three requests: for a snapshot, for the figures, and for a command from a list.
+Nothing else in the page's process can affect the recording.
 """
 
 from pathlib import Path
@@ -23,9 +23,8 @@ LONGEST_MESSAGE = 16_000_000
 
 
 class PageSettings(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The settings of the page. This message is the first one, so that no secret is on a command
-    line or in an environment.
-    """
+    """The settings of the page, sent as the first message so that no secret is on a command line or
+    in an environment."""
 
     folder: str
     """Folder that the page may read besides the program itself."""
@@ -37,9 +36,8 @@ class PageSettings(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Picture(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """A snapshot of the survey. ``folder`` holds the files for download; ``result`` is the path of
-    the result's file or empty.
-    """
+    """A snapshot of the survey. ``folder`` contains the files for download; ``result`` is the path
+    of the result's file or empty."""
 
     snapshot: Snapshot
     folder: str
@@ -54,22 +52,21 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Counted(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The answer with the daemon's figures for Prometheus."""
+    """The daemon's figures for Prometheus."""
 
     number: int
     figures: Figures
 
 
 class Watch(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The request for snapshots: one now, and further ones while ``on``."""
+    """A request for a snapshot, and for further snapshots while ``on``."""
 
     on: bool
 
 
 class Order(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The request for a command by a user with the token; ``address`` is the address of the
-    browser.
-    """
+    """A request for a command by a user with the token; ``address`` is the address of the
+    browser."""
 
     number: int
     name: CommandName
@@ -78,28 +75,27 @@ class Order(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Count(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The request for the daemon's figures for Prometheus."""
+    """A request for the daemon's figures for Prometheus."""
 
     number: int
 
 
 class Guesses(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The report that a client at an address has sent a number of wrong tokens."""
+    """A report that a client at an address has sent a number of wrong tokens."""
 
     address: str
     count: int
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The report of a fault of this program in the page's process."""
+    """A report of a fault of this program in the page's process."""
 
     text: str
 
 
 class Ready(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The report that the page is ready; ``open`` names the rights that the kernel could not remove
-    (`stepdiag.walls.confine`).
-    """
+    """A report that the page is ready; ``open`` contains the rights that the kernel could not
+    remove (`stepdiag.walls.confine`)."""
 
     open: tuple[str, ...]
 
@@ -115,6 +111,6 @@ settings_decoder = msgspec.msgpack.Decoder(PageSettings)
 
 
 def framed(message: Any) -> bytes:
-    """Return a message in the form for the pipe."""
+    """Return a message with its length, as bytes for the pipe."""
     body = _encoder.encode(message)
     return len(body).to_bytes(LENGTH_BYTES, "big") + body

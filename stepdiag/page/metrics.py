@@ -1,4 +1,4 @@
-"""The daemon's counters and measures for Prometheus; they are computed only on request."""
+"""The counters and measures of the daemon for Prometheus, computed on request."""
 
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 
@@ -39,7 +39,6 @@ class _Daemon(Collector):
         self._figures = figures
 
     def collect(self) -> Iterator[Metric]:
-        """Yield every family of metrics with its values at the time of the request."""
         now = self._figures
         yield from _counted(now)
         yield from _links(now)
@@ -75,9 +74,8 @@ def _counted(now: Figures) -> Iterator[Metric]:
 def _labelled(
     name: str, text: str, label: str, known: Iterable[str], counted: Mapping[str, int]
 ) -> Metric:
-    """Return a counter that has every known label, with 0 from the start: a series that begins at 1
-    has no increase in Prometheus.
-    """
+    """Return a counter with every known label, initially 0: a series that begins at 1 has no
+    increase in Prometheus."""
     family = CounterMetricFamily(f"stepdiag_{name}", text, labels=[label])
     for value, count in sorted((dict.fromkeys(known, 0) | dict(counted)).items()):
         family.add_metric([value], count)

@@ -1,12 +1,13 @@
-"""The page's process: serves page and metrics on given addresses, with the fewest rights.
+"""The page's process: page and metrics on given addresses, with the fewest rights.
 
-    python -m stepdiag.page.process PAGE METRICS     descriptors of listening sockets, "-" for none;
-    started by `stepdiag.page.keeper`
-    stepdiag page FILE                               started by systemd, which hands over the
-    sockets (sd_listen_fds(3))
+    python -m stepdiag.page.process PAGE METRICS
+        PAGE and METRICS are descriptors of listening sockets, "-" for none; started by
+        `stepdiag.page.keeper`
+    stepdiag page FILE
+        started by systemd, which passes the sockets (sd_listen_fds(3))
 
-A single socket carries the daemon's data and the page's commands (`stepdiag.page.messages`):
-standard input and output, or a socket of the file system, if the unit has its own account.
+A single connection transports the daemon's data and the page's commands (`stepdiag.page.messages`):
+standard input and output, or a socket of the file system if the unit has its own account.
 """
 
 import asyncio
@@ -43,24 +44,20 @@ from stepdiag.walls.confine import confine, die_with_parent, readable_by_program
 THREADS = 4
 """Largest number of threads that read files at once."""
 SOCKET = "STEPDIAG_PAGE_SOCKET"
-"""Environment variable with the path of the socket that connects the units of daemon and page."""
+"""Environment variable with the path of the socket between the units of daemon and page."""
 FIRST_HANDED = 3
 PATIENCE_S, AGAIN_S = 10.0, 0.2
 GRACE_S = 1
-"""Time in s for which open downloads may continue after the end of the daemon."""
+"""Time in s in which open downloads can continue after the end of the daemon."""
 
 
 class _Server(uvicorn.Server):
-    """The server uvicorn without its signal handlers: the parent process ends this server."""
-
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
-        """Leave the signal handlers of the process unchanged."""
         yield
 
 
 def main(page: str, metrics: str) -> None:
-    """Serve the page until the daemon closes the connection."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the daemon, not this process
     hears, asks = sys.stdin.buffer, _own_output()
@@ -75,10 +72,10 @@ def main(page: str, metrics: str) -> None:
 
 
 def serve_activated(survey_file: Path) -> None:
-    """Serve the addresses received from systemd, until the daemon closes the connection. Raises
-    DeviceError where no daemon records.
+    """Serve the addresses received from systemd until the daemon closes the connection. Raises
+    DeviceError if no daemon is running.
 
-    The secrets are credentials of this unit: the daemon has no access to them.
+    The secrets are credentials of this unit: the daemon cannot read them.
     """
     # both modules load numpy, which the page of a daemon does not need
     from stepdiag.daq.survey.file import load_survey
@@ -101,18 +98,14 @@ def serve_activated(survey_file: Path) -> None:
 
 
 def _handed_over() -> range:
-    """Return the descriptors of the sockets that systemd opened, by sd_listen_fds(3): they begin at
-    3 and are only for this process.
-    """
+    """Return the descriptors of the sockets that systemd opened (sd_listen_fds(3)): they begin at 3
+    and are only for this process."""
     if os.environ.get("LISTEN_PID") != str(os.getpid()):
         return range(0)
     return range(FIRST_HANDED, FIRST_HANDED + int(os.environ.get("LISTEN_FDS", "0")))
 
 
 def _called(path: Path) -> socket.socket:
-    """Return a connection to the daemon, which may be starting. Raises DeviceError where no daemon
-    accepts it within `PATIENCE_S`.
-    """
     end = time.monotonic() + PATIENCE_S
     while True:
         line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -159,7 +152,6 @@ def _serve_sockets(
 
 
 def _own_output() -> BinaryIO:
-    """Return a file for requests on standard output; all other output goes to standard error."""
     asks = os.fdopen(os.dup(1), "wb", buffering=0)
     os.set_blocking(asks.fileno(), False)
     os.dup2(2, 1)

@@ -1,6 +1,5 @@
-"""The daemon as seen from the page's process: snapshots arrive by a pipe, requests leave by
-another.
-"""
+"""The daemon for the page's process: snapshots arrive by one pipe, requests leave by another
+pipe."""
 
 import asyncio
 import itertools
@@ -33,15 +32,14 @@ from stepdiag.page.messages import (
 )
 
 ANSWER_S = 3.0
-"""Longest time for an answer of the daemon in s."""
+"""Longest time in s for an answer of the daemon."""
 FRESH_S = 0.5
 """Largest age in s at which a snapshot counts as the present state."""
 
 
 class RemoteDaemon:
     """The connection of the page to the daemon. ``on_picture`` is called with every snapshot,
-    ``on_end`` after the last one.
-    """
+    ``on_end`` after the last one."""
 
     def __init__(self, asks: BinaryIO) -> None:
         self._asks = asks
@@ -69,21 +67,19 @@ class RemoteDaemon:
             return
 
     def watch(self, *, on: bool) -> None:
-        """Have the daemon send snapshots from now on, or no more."""
+        """Start or stop the snapshots of the daemon."""
         self._watching = on
         with suppress(DeviceError):  # a client that waits sees that no snapshot comes
             self._ask(Watch(on=on))
 
     def say_ready(self, still_open: tuple[str, ...]) -> None:
-        """Report to the daemon that the page is served."""
         self._ask(Ready(open=still_open))
 
     def say_guesses(self, address: str, count: int) -> None:
-        """Report a number of wrong tokens from an address to the daemon."""
         self._ask(Guesses(address=address, count=count))
 
     def say_fault(self, why: object) -> None:
-        """Report a fault of this program to the daemon: its place and its reason."""
+        """Report the place and the reason of a fault of this program to the daemon."""
         place = (
             traceback.extract_tb(why.__traceback__)[-1:] if isinstance(why, Exception) else []
         )
@@ -108,9 +104,8 @@ class RemoteDaemon:
     async def order(
         self, name: CommandName, arguments: dict[str, str], address: str
     ) -> Words:
-        """Request a command from the daemon; return the reason of a refusal, empty after execution.
-        Raises DeviceError for a silent daemon.
-        """
+        """Request a command; return the reason of a refusal, empty after execution. Raises
+        DeviceError for a silent daemon."""
         number = next(self._numbers)
         answer = await self._answer(
             number, Order(number=number, name=name, arguments=arguments, address=address)
@@ -120,8 +115,7 @@ class RemoteDaemon:
 
     async def figures(self) -> Figures:
         """Return the daemon's counters and measures for Prometheus. Raises DeviceError for a silent
-        daemon.
-        """
+        daemon."""
         number = next(self._numbers)
         answer = await self._answer(number, Count(number=number))
         assert isinstance(answer, Counted)
@@ -140,9 +134,6 @@ class RemoteDaemon:
             del self._awaited[number]
 
     def _ask(self, request: Request) -> None:
-        """Send a request to the daemon. If the daemon accepts no request, no answer can come, so
-        the page does not wait.
-        """
         try:
             os.write(self._asks.fileno(), framed(request))
         except (BlockingIOError, BrokenPipeError) as why:

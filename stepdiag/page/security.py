@@ -1,4 +1,4 @@
-"""Protection of the page: the rights of a browser, and the rights of a user to command."""
+"""Protection of the page: the rights of a browser, and the rights of a user to give commands."""
 
 import asyncio
 import hmac
@@ -24,9 +24,8 @@ REPORT_POLICY = (
     "sandbox allow-scripts allow-downloads allow-modals; default-src 'none'; img-src data:; "
     "script-src 'unsafe-inline'; style-src 'unsafe-inline'"
 )
-"""Content policy of a report: its scripts may turn its drawings, but can reach neither the page nor
-the daemon.
-"""
+"""Content policy of a report: its scripts can turn its drawings, but cannot reach the page or the
+daemon."""
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -39,27 +38,23 @@ SEND_S = 20.0
 COOKIE = "stepdiag-files"
 MOST_SESSIONS = 100
 MOST_ADDRESSES = 1000
-"""Largest number of addresses whose wrong tokens are counted; the addresses counted first are
-removed first.
-"""
+"""Largest number of addresses whose wrong tokens are counted; the oldest addresses are removed
+first."""
 GUESSES = 10
-"""The machine's page warns of this number of wrong tokens from one address, and again of 10, 100,
-... times this number.
-"""
+"""Number of wrong tokens from one address after which the machine's page shows a warning, and again
+after 10, 100, ... times this number."""
 DELAY_S, LONGEST_DELAY_S = 0.5, 5.0
-"""Delay in s of the answer to a wrong token: at first, and at most; the delay grows with each wrong
-token.
-"""
+"""Delay in s of the answer to a wrong token: initial and largest; the delay grows with each wrong
+token."""
 
 
 class Guard:
     """Refuses requests that another site caused, adds the content policies to every answer, and
     disconnects clients that do not receive their answer.
 
-    A site whose name points to this computer (DNS rebinding) sends its own name in ``Host``: the
-    name must be a loopback name, the called address, or one of ``names``. The ``Origin`` of a POST
-    must prove that the page itself sent it: browsers add this header without a request, other
-    clients must write the header themselves.
+    A site whose name resolves to this computer (DNS rebinding) sends its own name in ``Host``. So
+    the name must be a loopback name, the called address, or one of ``names``. A POST must come from
+    the page itself, which its ``Origin`` shows: every browser adds this header.
     """
 
     def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
@@ -67,7 +62,6 @@ class Guard:
         self._names = {name.lower() for name in names}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a forbidden request; pass any other request on and add headers to its answer."""
         if scope["type"] != "http":
             return
 
@@ -100,9 +94,8 @@ class Guard:
 
 
 def is_known_host(host: str, called: str, names: Collection[str]) -> bool:
-    """Return whether the name in a ``Host`` header means this computer; ``called`` is the address
-    at which the connection arrived.
-    """
+    """Return whether the name in a ``Host`` header is a name of this computer; ``called`` is the
+    address at which the connection arrived."""
     name = (
         host.rpartition(":")[0]
         if host.rpartition(":")[2].isdigit() and host.rpartition(":")[1]
@@ -120,8 +113,7 @@ def is_known_host(host: str, called: str, names: Collection[str]) -> bool:
 
 class Guesses:
     """The counts of wrong tokens by the address of their sender. ``on_guesses`` receives an address
-    and its count at ten and at each tenfold number.
-    """
+    and its count at ten and at each tenfold number."""
 
     def __init__(self, on_guesses: Callable[[str, int], None]) -> None:
         self._on_guesses = on_guesses
@@ -139,14 +131,13 @@ class Guesses:
         return min(self.delay_s * count, LONGEST_DELAY_S)
 
     def right(self, address: str) -> None:
-        """Reset the count of an address, because a user with the right token may mistype it."""
+        """Reset the count of an address after a right token, because its user can mistype it."""
         self._failures.pop(address, None)
 
 
 class Access:
     """The rights of the users with the token. A browser that has sent the token once may also read
-    files, by a cookie that differs from the token.
-    """
+    files, by a cookie that differs from the token."""
 
     def __init__(self, token: str, on_guesses: Callable[[str, int], None]) -> None:
         self._token = token
@@ -155,15 +146,12 @@ class Access:
 
     @property
     def needed(self) -> bool:
-        """Whether a token is configured, without which no command is accepted."""
+        """Whether a token is configured; without a token no command is accepted."""
         return bool(self._token)
 
     async def commands(self, request: Request) -> bool:
-        """Return whether a request carries the right token. The token is percent-encoded, because a
-        header holds only ASCII.
-
-        False where no token is configured.
-        """
+        """Return whether a request contains the right token; False without a configured token. The
+        token is percent-encoded, because a header contains only ASCII."""
         scheme, _, given = request.headers.get("authorization", "").partition(" ")
         return (
             bool(self._token)
@@ -173,8 +161,7 @@ class Access:
 
     async def is_token(self, request: Request, given: str) -> bool:
         """Return whether a token is right, in constant time; a wrong token is counted and answered
-        late.
-        """
+        late."""
         address = address_of(request)
         if hmac.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):
             self.guesses.right(address)
@@ -183,9 +170,8 @@ class Access:
         return False
 
     async def reads(self, request: Request) -> bool:
-        """Return whether the sender of a request may download files: everybody where no token is
-        configured.
-        """
+        """Return whether the sender of a request may download files: everyone if no token is
+        configured."""
         return (
             not self._token
             or request.cookies.get(COOKIE) in self._sessions
@@ -193,7 +179,6 @@ class Access:
         )
 
     def remember(self, request: Request, answer: Response) -> None:
-        """Permit the browser to download files from now on."""
         session = secrets.token_urlsafe(32)
         self._sessions[session] = None
         if len(self._sessions) > MOST_SESSIONS:
@@ -208,14 +193,12 @@ class Access:
 
 
 def address_of(request: HTTPConnection) -> str:
-    """Return the address from which a request was sent."""
     return request.client.host if request.client is not None else ""
 
 
 def refused(status: int, why: Words) -> Response:
-    """Return a refusal as a response: ``error`` for a program, ``words`` for the user, in every
-    language.
-    """
+    """Return a refusal as a response: ``error`` for a program, ``words`` for the user in every
+    language."""
     return JSONResponse(
         {"error": str(why), "words": in_every_language(why)}, status_code=status
     )

@@ -1,8 +1,7 @@
-"""Settings of a survey's page, and its secrets: the token and the key of the TLS certificate. No
-survey file and no log contains these secrets.
+"""Settings of a survey's page, and its secrets: the token and the key of the TLS certificate.
 
 A secret is a credential of the service (systemd's ``LoadCredential``), or a file beside the survey
-file that only its owner may read.
+file that only its owner can read. Survey files and logs contain no secrets.
 """
 
 import ipaddress
@@ -23,13 +22,13 @@ TOKEN, CERTIFICATE, KEY = "page-token", "page-certificate", "page-key"
 SHORTEST_TOKEN = 16
 """Smallest number of characters of a token: shorter tokens can be guessed."""
 LONGEST_TOKEN_BYTES = 1000
-"""Size in bytes above which a file is not accepted as a token or password."""
+"""Largest size in bytes of a file with a token or password."""
 
 
 def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
     """Return the settings of the page, and make the folder that the page shows.
 
-    Raises UsageError for a secret that others may read, a short token, an invalid certificate.
+    Raises UsageError for a secret that others can read, a short token, an invalid certificate.
     """
     page = survey.page
     token = secret_file(survey_file, TOKEN, page.token_file, "page.token_file")
@@ -53,7 +52,7 @@ def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
 
 
 def in_the_clear(page: Page, settings: PageSettings) -> bool:
-    """Return whether other computers can reach the page while its messages are not encrypted."""
+    """Return whether the messages of the page cross the network unencrypted."""
     return not settings.certificate and not is_loopback(page.host)
 
 
@@ -66,9 +65,8 @@ def is_loopback(host: str) -> bool:
 
 
 def _file(survey_file: Path, credential: str, named: str) -> Path | None:
-    """Return the file of a secret: first the service's credential, then the file beside the survey
-    file; None where neither exists.
-    """
+    """Return the file of a secret: the service's credential, otherwise the file beside the survey
+    file; None if neither exists."""
     given = _credential(credential)
     if given is not None and given.is_file():
         return given
@@ -85,9 +83,8 @@ def _credential(name: str) -> Path | None:
 
 
 def secret_file(survey_file: Path, credential: str, named: str, field: str) -> Path | None:
-    """Return the file of a secret. Raises UsageError if the file is missing, or if other users may
-    read it.
-    """
+    """Return the file of a secret. Raises UsageError for a missing file or a file that other users
+    can read."""
     path = _file(survey_file, credential, named)
     if path is None or path == _credential(credential):
         return path
@@ -110,8 +107,7 @@ def secret_file(survey_file: Path, credential: str, named: str, field: str) -> P
 
 def secret(survey_file: Path, credential: str, named: str, field: str) -> str:
     """Return a secret of one line, empty if no file is named. Raises the UsageError of
-    `secret_file`, and UsageError for a text of more than one line.
-    """
+    `secret_file`, and UsageError for a text of several lines."""
     path = secret_file(survey_file, credential, named, field)
     if path is None:
         return ""

@@ -1,9 +1,9 @@
-"""The stage of the work (set up, align, drive, trouble, done), and the sentence that is most
-important at present.
+"""The stage of the work (set up, align, drive, trouble, done), and the most important sentence of
+the page.
 
-A sentence is a key of the catalogue's section ``page`` with its values; a value that is a list
-holds sentences of its own; stops are counted from 1. The browser shows the sentences in the
-language that its user chose.
+A sentence is a key of the section ``page`` of the catalogue with its values. A value that is a list
+contains sentences; stops are counted from 1. The browser shows the sentences in the language of its
+user.
 """
 
 from dataclasses import dataclass, field
@@ -14,13 +14,13 @@ from stepdiag.daq.records.status import DriveStatus, Snapshot
 
 Stage = Literal["set-up", "align", "drive", "trouble", "done"]
 WEAK = 0.4
-"""Share of the full beam strength below which dust or chips may cause the loss of a stop."""
+"""Share of the full beam strength below which dust or chips can cause the loss of a stop."""
 GONE = frozenset({"silent", "lost"})
 
 
 @dataclass(frozen=True, slots=True)
 class Say:
-    """A sentence of the page: its key in the catalogue, and the values to fill in."""
+    """A sentence of the page: its key in the catalogue and its values."""
 
     key: str
     values: dict[str, "str | int | list[Say]"] = field(default_factory=dict)
@@ -30,8 +30,8 @@ class Say:
 class Headline:
     """The contents of the large card on the page. With ``alarm``, the whole page shows an alarm.
 
-    ``watching`` replaces the advice for a viewer without the right to give commands; None if the
-    advice needs no command.
+    ``watching`` replaces the advice for a viewer without the right to give commands; None for an
+    advice without a command.
     """
 
     stage: Stage
@@ -42,19 +42,16 @@ class Headline:
 
 
 def headline(now: Snapshot) -> Headline:
-    """Return the stage of the work and the sentence for a snapshot: an obstacle has priority over
-    the next step.
-    """
+    """Return the stage of the work and the sentence for a snapshot; an obstacle has priority over
+    the next step."""
     return _trouble(now) or _quiet(now)
 
 
 def is_running(now: Snapshot) -> bool:
-    """Return whether the machine drives a pass at present."""
     return now.phase in ("waiting-stop", "dwelling")
 
 
 def _trouble(now: Snapshot) -> Headline | None:
-    """Return the card about a trouble that needs a person at once; None without a trouble."""
     for link, state in (
         ("laser", now.laser.state),
         ("plc", now.plc.state),
@@ -94,14 +91,12 @@ def _alarm(
 
 
 def _again(now: Snapshot) -> DriveStatus | None:
-    """Return the first pass, in the order of driving, that must be driven again."""
     return next((drive for drive in now.to_drive if drive.again), None)
 
 
 def _repeat(now: Snapshot, drive: DriveStatus) -> Headline:
-    """Return the card with the advice to repeat passes. The repetition is not urgent: the stage is
-    trouble, but the page shows no alarm.
-    """
+    """Return the card with the advice to repeat passes. The stage is trouble, but without an alarm,
+    because the repetition is not urgent."""
     return Headline(
         stage="trouble",
         lead=_repeated(drive),
@@ -116,9 +111,6 @@ def _repeated(drive: DriveStatus) -> Say:
 
 
 def _pass(setup: str, number: int) -> "dict[str, str | int | list[Say]]":
-    """Return setup, number and direction of a pass as values of a sentence: odd passes lead
-    outward.
-    """
     return {
         "setup": setup,
         "pass": number,
@@ -157,9 +149,8 @@ def _quiet(now: Snapshot) -> Headline:
 
 
 def _underway(now: Snapshot) -> Headline:
-    """Return the card with the pass that is being driven, and with the further passes of the
-    present setup: the operator needs to know these before removing the setup.
-    """
+    """Return the card with the present pass and the further passes of its setup, which the operator
+    must complete before the setup is removed."""
     owed = next(
         (drive for drive in now.to_drive if drive.again and drive.setup == now.expects_setup),
         None,
@@ -195,9 +186,6 @@ def _prepare(now: Snapshot, *, aligned: bool) -> Say:
 
 
 def _set_up(now: Snapshot) -> Say:
-    """Return the sentence with the next step of setting up: the direction of the laser, the target,
-    the program to start.
-    """
     setup = now.expects_setup
     if not setup:
         return Say("do_any")

@@ -1,8 +1,8 @@
-"""A snapshot in the form for the browser, as two events: the parts that change with a stop or a
-setup, and the parts that are sent with every snapshot.
+"""A snapshot for the browser as two events: the parts that change with a stop or a setup, and the
+parts that are sent with every snapshot.
 
-The functions have no side effects: a snapshot in, plain data out. The data contain the sentences in
-every language and the places in the volume in mm, so the browser computes nothing.
+The data contain the sentences in every language and the places in the volume in mm, so the browser
+computes nothing.
 """
 
 from collections.abc import Sequence
@@ -41,9 +41,8 @@ SLOW_FIELDS = (
     "result_ready",
     "to_drive",
 )
-"""Names of the parts of a snapshot that change with a stop or a setup; the other parts are sent
-with every snapshot.
-"""
+"""Names of the parts of a snapshot that change with a stop or a setup; all other parts are sent
+with every snapshot."""
 SEVERITIES = ("info", "warning", "error")
 SHAPED = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments"})
 """Names of the parts that the browser receives in another form than the daemon has."""
@@ -55,7 +54,7 @@ FAST_FIELDS = tuple(
 
 
 def survey_view(now: Snapshot) -> dict[str, Any]:
-    """Return those parts of a snapshot that change with a stop or a setup."""
+    """Return the parts of a snapshot that change with a stop or a setup."""
     plain = {name: getattr(now, name) for name in SLOW_FIELDS if name not in SHAPED}
     return {
         **plain,
@@ -66,7 +65,7 @@ def survey_view(now: Snapshot) -> dict[str, Any]:
 
 
 def now_view(now: Snapshot) -> dict[str, Any]:
-    """Return those parts of a snapshot that are sent every time."""
+    """Return the parts of a snapshot that are sent every time."""
     plain = {name: getattr(now, name) for name in FAST_FIELDS}
     head = headline(now)
     return {
@@ -104,11 +103,11 @@ def _link(one: LinkStatus | None) -> dict[str, Any] | None:
 
 
 def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
-    """Return one entry per cause of findings: code, severity, number, whether it is open or past,
-    and by language its sentence and remedy.
+    """Return one entry per cause of findings: code, severity, number, open or past, and by language
+    its sentence and remedy.
 
-    Findings are given in the order of their occurrence. Errors come before warnings, open findings
-    before past ones, new findings before old ones.
+    ``findings`` are in the order of their occurrence. In the result, errors come before warnings,
+    open findings before past findings, new findings before old findings.
     """
     groups: dict[tuple[str, ...], list[FindingStatus]] = {}
     for one in findings:
@@ -123,7 +122,6 @@ def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
 
 
 def _run_and_stop(one: FindingStatus) -> tuple[str, int | None]:
-    """Return the run and the stop of a finding."""
     return f"{one.at.setup} {one.at.way}", one.at.stop
 
 

@@ -1,7 +1,6 @@
-"""Publication of a survey for the company's other programs: its state, findings and results, by
-MQTT or OPC UA, from a separate process.
+"""Publication of a survey for other programs of the company by MQTT or OPC UA, from a separate
+process: state, findings and results.
 
-In: the folder of a survey, read and never changed. Out: messages to a broker, or a server for
-clients. The package needs the extra ``stepdiag[mqtt]`` or ``stepdiag[opcua]``; only functions of
-`cli` import it.
+The folder of the survey is only read. The package needs the extra ``stepdiag[mqtt]`` or
+``stepdiag[opcua]``; only functions of `cli` import it.
 """

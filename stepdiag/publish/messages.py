@@ -1,6 +1,5 @@
-"""The published messages, made from the files in the survey's folder, which stay unchanged. Each
-message is a JSON object with its own schema.
-"""
+"""The published messages, made from the files in the survey's folder. Each message is a JSON object
+with its own schema."""
 
 import hashlib
 from collections.abc import Iterator
@@ -27,7 +26,7 @@ SCHEMA = "schema"
 
 
 class _About(msgspec.Struct, frozen=True, kw_only=True):
-    """The members with which every message begins, after the name of its schema."""
+    """The first members of every message after the name of its schema."""
 
     version: int = VERSION
     machine: str
@@ -35,17 +34,15 @@ class _About(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Online(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-online"):
-    """The message whether the publishing program runs. "False" is stored at the broker as the last
-    will.
-    """
+    """The message whether the publishing program runs. The broker publishes "False" as the last
+    will."""
 
     online: bool
 
 
 class State(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-state"):
     """The progress of the survey. The links have the states of the daemon's journal, and are empty
-    where no daemon records. ``damage`` is the reason why the last result is unreadable; otherwise
-    it is empty.
+    without a daemon. ``damage`` is the reason why the last result is unreadable, otherwise empty.
     """
 
     round: str
@@ -59,7 +56,7 @@ class State(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-s
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One finding, with the members of a finding in a result (docs/findings.md)."""
+    """A finding, with the members of a finding in a result (docs/findings.md)."""
 
     code: str
     severity: Literal["info", "warning", "error"]
@@ -71,14 +68,14 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Findings(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-findings"):
-    """The message with the findings about the data of the last result."""
+    """The findings about the data of the last result."""
 
     round: str
     findings: tuple[Finding, ...]
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """One number of a result, with the columns of the archive (docs/fleet.md)."""
+    """A number of a result, with the columns of the archive (docs/fleet.md)."""
 
     quantity: str
     axis: str
@@ -105,9 +102,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
 class ResultMessage(
     _About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-result"
 ):
-    """The message with the numbers of the last result; ``sha256`` is the hash of the
-    result's file.
-    """
+    """The numbers of the last result; ``sha256`` is the hash of the result's file."""
 
     round: str
     begun: str
@@ -117,7 +112,7 @@ class ResultMessage(
     sha256: str
     rows: tuple[Row, ...]
     conformity: tuple[Judged, ...] = ()
-    """The verdicts on every figure with a tolerance, as found; empty without a tolerance."""
+    """The verdicts about every figure with a tolerance, as found; empty without a tolerance."""
 
 
 Message = Online | State | Findings | ResultMessage
@@ -125,14 +120,12 @@ MESSAGES: tuple[type[Message], ...] = (Online, State, Findings, ResultMessage)
 
 
 def schemas() -> dict[str, Any]:
-    """Return the JSON Schema of every message by its name."""
     return {_name_of(kind): msgspec.json.schema(kind) for kind in MESSAGES}
 
 
 def topic_of(message: Message | type[Message], survey: Survey, prefix: str) -> str:
-    """Return the topic of a message: PREFIX/MACHINE/SURVEY/WHAT. Names are percent-encoded, since
-    ``/``, ``+`` and ``#`` separate topics.
-    """
+    """Return the topic of a message: PREFIX/MACHINE/SURVEY/WHAT. Names are percent-encoded, because
+    ``/``, ``+`` and ``#`` separate topics."""
     what = _name_of(message if isinstance(message, type) else type(message)).removeprefix(
         "stepdiag-"
     )
@@ -147,9 +140,8 @@ def topic_of(message: Message | type[Message], survey: Survey, prefix: str) -> s
 
 
 class Watched:
-    """The folder of a survey, and its present messages; a result is read again only if its file has
-    changed.
-    """
+    """The folder of a survey and its present messages. A result is read again only after its file
+    has changed."""
 
     def __init__(self, survey: Survey, folder: Path) -> None:
         self._survey, self.folder = survey, folder
@@ -158,17 +150,14 @@ class Watched:
 
     @property
     def name(self) -> str:
-        """Return the name of the survey."""
         return self._name
 
     def online(self, *, online: bool) -> Online:
-        """Return the message that states whether the publishing program runs."""
         return Online(online=online, machine=self._machine, survey=self._name)
 
     def now(self) -> tuple[Message, ...]:
-        """Return the messages with the state, the findings and the result if it is readable; the
-        state names the fault of an unreadable result.
-        """
+        """Return the messages with the state, the findings and the result; of an unreadable result
+        only the state, which contains the fault."""
         last, published, damage, complete, live = None, None, "", False, None
         try:
             live = live_in(
@@ -191,8 +180,7 @@ class Watched:
 
     def history(self) -> Iterator[tuple[Findings, ResultMessage]]:
         """Yield findings and result of every round, oldest first; a round with an unreadable result
-        is left out.
-        """
+        is left out."""
         rounds: list[Path] = []
         with suppress(OSError):
             rounds = round_folders(self.folder)

@@ -1,5 +1,5 @@
 """The information models of the OPC Foundation in a server, imported from their published nodesets
-(folder ``nodesets``, unchanged).
+(folder ``nodesets``).
 
 OPC 40001-101 (Result Transfer) 1.00.0, and OPC 40501-1 (Machine Tools) 1.01.1 with its bases: DI
 1.04.0, IA 1.01.2, OPC 40001-1 (Machinery) 1.02.0.
@@ -21,9 +21,7 @@ _RESULT, _META = 3008, 3007
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Models:
-    """Indices of two namespaces in the server: that of the results and that of the machine
-    tools.
-    """
+    """Indices of two namespaces in the server: results and machine tools."""
 
     results: int
     machine_tool: int
@@ -31,8 +29,7 @@ class Models:
 
 async def add_models(server: Server) -> Models:
     """Import the nodesets into a server that is initialised but not started; asyncua puts the
-    classes of the nodesets' structures into ``ua``.
-    """
+    classes of the nodesets' structures into ``ua``."""
     for name in ORDER:
         await server.import_xml(xmlstring=importable(name))
     index = await server.get_namespace_index(_URI.format("Machinery/Result"))
@@ -52,11 +49,10 @@ async def add_models(server: Server) -> Models:
 def importable(name: str) -> str:
     """Return a nodeset in the form that asyncua 2.1 can import.
 
-    A variable without a data type is of BaseDataType, the default of the schema (OPC 10000-6, F.6).
-    Default values of the structures defined by the nodeset itself are left out: the classes of
-    these structures do not exist yet (KeyError). The meta data of a result are declared as an
-    abstract structure, because asyncua writes a field that permits subtypes without the header of
-    an extension object.
+    A variable without a data type gets BaseDataType, the default of the schema (OPC 10000-6, F.6).
+    Default values of structures that the nodeset itself defines are left out, because their classes
+    do not exist yet (KeyError). The meta data of a result become an abstract structure, because
+    asyncua writes a field that permits subtypes without the header of an extension object.
     """
     root = ET.parse(FOLDER / f"{name}.NodeSet2.xml").getroot()  # noqa: S314  # a file of this package
     for kind in ("UAVariable", "UAVariableType"):

@@ -1,8 +1,8 @@
-"""Publication to a broker by MQTT. Messages are retained and sent at least once, whenever they
-change, and again after every new connection.
+"""Publication to an MQTT broker. Messages are retained, sent at least once after every change, and
+sent again after every new connection.
 
-An absent broker is tried again at growing intervals; a refusing broker ends the program with a
-message. Neither affects the recording, which runs in a separate process.
+An absent broker is tried again at growing intervals; a refusal by the broker ends the program with
+a message. The recording runs in a separate process and continues.
 """
 
 import asyncio
@@ -39,20 +39,18 @@ ANSWER_S = 10.0
 """Longest time in s for an answer of the broker."""
 QOS = 1
 LONGEST_PACKET, MOST_HEARD = 8_192, 65_536
-"""Largest size of one packet, and of all packets between two readings of the survey, in bytes:
-without subscriptions a broker only acknowledges.
-"""
+"""Largest size in bytes of one packet, and of all packets between two readings of the survey:
+without subscriptions a broker sends only acknowledgements."""
 PATIENCE_S = 5.0
-"""Longest time in s for sending the last message at the end of the program."""
+"""Longest time in s for the last message at the end of the program."""
 
 _log = structlog.get_logger("publish")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Broker:
-    """Address and account of a broker. ``authority`` is a file of certificates that are trusted
-    instead of those of the operating system; ``secure`` means TLS.
-    """
+    """Address and account of a broker. ``authority`` is a file of trusted certificates in place of
+    those of the operating system; ``secure`` means TLS."""
 
     host: str
     port: int
@@ -63,7 +61,6 @@ class Broker:
 
     @property
     def address(self) -> str:
-        """Return the address of the broker as a text."""
         return f"{self.host}:{self.port}"
 
 
@@ -97,7 +94,6 @@ class _Publisher:
         self._damage = ""
 
     async def run(self, *, once: bool) -> None:
-        """Send messages until the end; the last message does not wait for a slow broker."""
         self._stop = stopped_by_signal()
         stand_back(self._watched.folder, calls=self._broker.port)
         sending, stopped = (
@@ -151,9 +147,6 @@ class _Publisher:
         )
 
     async def _send(self, client: "_Client", *, once: bool) -> None:
-        """Send the messages that changed, and read the survey again after a while; a lost
-        connection raises an error at once, not only at the next message.
-        """
         sent: dict[str, bytes] = {}
         if once:
             state, *others = self._watched.now()
@@ -204,9 +197,6 @@ class _Publisher:
             sent[topic] = payload
 
     def _judge(self, error: Exception, *, once: bool) -> None:
-        """Raise DeviceError where a repetition of the connection would fail in the same way, or is
-        not wanted.
-        """
         code = error.rc if isinstance(error, aiomqtt.MqttCodeError) else None
         refused = isinstance(code, ReasonCode) and code.getName() in REFUSALS
         untrusted = "CERTIFICATE_VERIFY_FAILED" in str(error)
@@ -223,9 +213,8 @@ class _Publisher:
 
 
 class _Client(aiomqtt.Client):
-    """An MQTT client that limits the received bytes and accepts no messages: the library would keep
-    every packet of a broker, up to 268 MB each.
-    """
+    """An MQTT client that limits the received bytes and accepts no messages: the library stores
+    every packet of a broker, up to 268 MB each."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
@@ -240,9 +229,8 @@ class _Client(aiomqtt.Client):
         )
 
     def let_go(self) -> None:
-        """Close the open connection: after an unexpected packet, the library would leave the
-        connection open and continue to read.
-        """
+        """Close the open connection: after an unexpected packet, the library leaves the connection
+        open and continues to read."""
         sock = self._client.socket()
         if sock is not None and sock.fileno() >= 0:
             loop = asyncio.get_running_loop()

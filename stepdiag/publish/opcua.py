@@ -1,9 +1,9 @@
-"""A server of OPC UA: results, state and findings of one survey (`stepdiag.publish.station`), read
-only.
+"""A read-only OPC UA server with the results, state and findings of one survey
+(`stepdiag.publish.station`).
 
 This module uses only the public interface of asyncua. The library limits connections, messages and
 subscriptions; the walls of the process and its unit limit all other resources (docs/security.md).
-So a client can end this server but never the recording, which runs in another process.
+So a client can end this server, but not the recording, which runs in another process.
 """
 
 import asyncio
@@ -31,12 +31,10 @@ from stepdiag.publish.station import Station
 
 MOST_CONNECTIONS, ACTIVATION_S, SESSION_S = 100, 15.0, 120.0
 """Largest number of connections; longest time in s of a connection without an admitted session;
-time in s for which a session outlives its connection.
-"""
+time in s for which a session outlives its connection."""
 LONGEST_MESSAGE, CHUNK = 262_144, 65_535
 """Largest size in bytes of a request, and of one of its chunks: in memory a request needs a few
-hundred times as much.
-"""
+hundred times as much."""
 MOST_SUBSCRIPTIONS, LONGEST_QUEUE, MOST_UNACKNOWLEDGED = 200, 10, 10
 
 _log = structlog.get_logger("publish")
@@ -45,8 +43,7 @@ _log = structlog.get_logger("publish")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Endpoint:
     """Address and security of the server. Without ``certificate`` and ``key`` nothing is encrypted;
-    with ``user`` no anonymous client is admitted.
-    """
+    with ``user`` no anonymous client is admitted."""
 
     host: str
     port: int
@@ -57,15 +54,13 @@ class Endpoint:
 
     @property
     def url(self) -> str:
-        """Return the URL of the server for clients."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"opc.tcp://{host}:{self.port}/stepdiag"
 
 
 def serve(watched: Watched, survey: Survey, endpoint: Endpoint, *, every_s: float) -> None:
-    """Serve the survey until SIGTERM or SIGINT. Raises DeviceError if the address cannot be opened,
-    UsageError for an invalid certificate or key.
-    """
+    """Serve the survey until SIGTERM or SIGINT. Raises DeviceError for an address that cannot be
+    opened, UsageError for an invalid certificate or key."""
     logging.getLogger("asyncua").setLevel(
         logging.CRITICAL
     )  # the library reports every client that leaves early or requests too much
@@ -99,9 +94,8 @@ async def _serve(
 
 @contextmanager
 def _kept() -> Iterator[None]:
-    """Make objects that live as long as the process, without garbage collection: the collector took
-    two fifths of the start to examine them.
-    """
+    """Create objects without garbage collection, because they live as long as the process and their
+    examination takes two fifths of the start."""
     gc.disable()
     try:
         yield
@@ -112,7 +106,6 @@ def _kept() -> Iterator[None]:
 
 @contextmanager
 def _opening(endpoint: Endpoint) -> Iterator[None]:
-    """Raise DeviceError for an address that cannot be opened."""
     try:
         yield
     except OSError as error:
@@ -124,9 +117,6 @@ def _opening(endpoint: Endpoint) -> Iterator[None]:
 
 
 async def _prepared(endpoint: Endpoint) -> Server:
-    """Return a server with its security settings, not started yet. Raises UsageError for an invalid
-    certificate or key.
-    """
     secure = endpoint.certificate is not None and endpoint.key is not None
     server = Server(user_manager=_Users(endpoint.user, endpoint.password, secure=secure))
     _limit(server)
@@ -164,7 +154,6 @@ async def _prepared(endpoint: Endpoint) -> Server:
 
 
 def _limit(server: Server) -> None:
-    """Set every limit of the library for connections and messages of clients."""
     inner, wire = server.iserver, server.limits
     inner.max_connections, inner.max_pending_activation_seconds = (
         MOST_CONNECTIONS,
@@ -203,9 +192,6 @@ async def _loaded(path: Path, load: Callable[[Path], Any]) -> None:
 
 
 def _uri_of(certificate: Any) -> str:
-    """Return the name of the application in its certificate, which clients compare with the
-    server's own description.
-    """
     if certificate is None:
         return ""
     from cryptography import x509
@@ -219,12 +205,12 @@ def _uri_of(certificate: Any) -> str:
 
 
 class _Users:
-    """Admission of users: every client may read, or only a single user with a password. No client
-    may change anything.
+    """Admission of users: every client can read, or only a single user with a password. No client
+    can change anything.
 
     The library opens an unencrypted channel for every client that queries the server's channels,
-    and would also open a session over it: an encrypted server (``secure``) refuses such a session
-    here.
+    and would also open a session over this channel. An encrypted server (``secure``) refuses such a
+    session here.
     """
 
     def __init__(self, user: str | None, password: str | None, *, secure: bool) -> None:
@@ -240,9 +226,8 @@ class _Users:
         password: Any = None,
         certificate: Any = None,
     ) -> User | None:
-        """Return the user of a name and a password; None if they are wrong, and for an unencrypted
-        client.
-        """
+        """Return the user of a name and a password; None for wrong values, and for an unencrypted
+        client of an encrypted server."""
         if self._secure and not certificate:
             return None
         if self._user is None:

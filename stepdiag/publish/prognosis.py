@@ -1,8 +1,8 @@
 """The times at which the figures of a machine leave their tolerances, from the rounds of its survey
 (`stepdiag.fleet.trend`).
 
-The trend uses the rows of the results themselves: a table of Arrow would reserve a gigabyte, the
-limit of this process.
+The trend uses the rows of the results without Arrow, which would reserve a gigabyte, the limit of
+this process.
 """
 
 import math
@@ -32,8 +32,7 @@ from stepdiag.fleet.trend import Trend, trends_of
 
 def leavings(folder: Path, now: datetime) -> list[Trend]:
     """Return the series with a date at which they leave a tolerance of the last result; a round
-    with an unreadable result is left out.
-    """
+    with an unreadable result is left out."""
     found = list(_results(folder))
     judged = found[-1][1].conformity if found else None
     if judged is None:
@@ -56,9 +55,6 @@ def leavings(folder: Path, now: datetime) -> list[Trend]:
 
 
 def _series(quantity: str, found: Sequence[tuple[Survey, Result]]) -> Iterator[Series]:
-    """Yield the series of a figure over the surveys that state this figure; for a figure of the
-    volume, one series per volume.
-    """
     stating = [
         (survey, row)
         for survey, result in found

@@ -1,4 +1,4 @@
-"""The machine's object in the address space of a server of OPC UA: state, findings, results (OPC
+"""The machine's object in the address space of an OPC UA server: state, findings, results (OPC
 40001-101), prognoses (OPC 40501-1)."""
 
 from contextlib import suppress
@@ -22,9 +22,8 @@ from stepdiag.texts.texts import UNITS
 
 OWN_NAMESPACE = "urn:stepdiag:publish"
 UNKNOWN = -1
-"""Error code of a method for a result or a handle that does not exist; the model leaves codes below
-0 to the application.
-"""
+"""Error code of a method for a result or a handle that does not exist; the model reserves codes
+below 0 for the application."""
 MOST_HANDLES = 1000
 EVALUATED = {
     "": "Undefined",
@@ -111,9 +110,6 @@ class Station:
     async def _instance(
         self, parent: Any, name: str, index: int, kind: int, offered: set[str]
     ) -> tuple[Any, dict[str, Any]]:
-        """Add an object of a type of a model; return the object. ``offered`` names its optional
-        parts.
-        """
         named = ua.QualifiedName(name, index)
         node = await parent.add_object(
             ua.NodeId(0, self._own), named, ua.NodeId(kind, index), instantiate_optional=True
@@ -127,9 +123,7 @@ class Station:
         return node, parts
 
     async def write(self, watched: Watched) -> None:
-        """Write the present state and findings, both of the same moment and round, and offer a new
-        result.
-        """
+        """Write the present state and findings of one round, and add a new result."""
         state, *result = watched.now()
         values = {name: getattr(state, name) for name in self._values if name != "findings"}
         published: list[tuple[Findings, ResultMessage]] = []
@@ -162,9 +156,6 @@ class Station:
     async def _offer(
         self, findings: Findings, published: ResultMessage, *, new: bool
     ) -> bool:
-        """Add a result; send an event if it is ``new``. Return whether the result was not there
-        before.
-        """
         name = result_id(published)
         if name in self._results:
             self._results[name] = (
@@ -197,8 +188,7 @@ class Station:
 
     def _meta(self, name: str, findings: Findings, published: ResultMessage) -> Any:
         """Return the meta data of a result: the part is the machine, the job is the survey. A
-        calibration without a tolerance has no verdict.
-        """
+        calibration without a tolerance has no verdict."""
         wrong = sorted({each.code for each in findings.findings if each.severity == "error"})
         judged = [one.verdict for one in published.conformity or ()]
         verdict = together(judged) if judged else ""
@@ -220,9 +210,6 @@ class Station:
         )
 
     async def _variable(self, name: str, result: Any) -> None:
-        """Add the variable of a result, with a component for each part of its meta data that has a
-        value.
-        """
         index, own = self._models.results, self._own
         kind, named = (
             self._server.get_node(ua.NodeId(_RESULT_TYPE, index)),
@@ -252,9 +239,6 @@ class Station:
         await node.write_value(ua.Variant(result, ua.VariantType.ExtensionObject))
 
     async def _predict(self, trends: list[Trend]) -> None:
-        """Write a prognosis of maintenance for each figure that leaves its tolerance; the earlier
-        prognoses are removed.
-        """
         await self._server.delete_nodes(await self._prognoses.get_children(), recursive=True)
         index = self._models.machine_tool
         for each in trends:
@@ -295,9 +279,8 @@ class Station:
         return [ua.Variant(0 if known else UNKNOWN, ua.VariantType.Int32)]
 
     def _given(self, result: Any) -> list[ua.Variant]:
-        """Return a handle, the result and an error code. A handle reserves no result, since no
-        result is ever removed; the oldest handles are discarded.
-        """
+        """Return a handle, the result and an error code. A handle reserves no result, because no
+        result is ever removed; the oldest handles are discarded."""
         if result is not None:
             self._last_handle = self._last_handle % 0xFFFF_FFFF + 1
             self._handles[self._last_handle] = None
@@ -318,7 +301,6 @@ def result_id(published: ResultMessage) -> str:
 
 
 def _members(meta: Any) -> dict[str, Any]:
-    """Return those meta data of a result that have a value, by name."""
     return {
         field.name: value
         for field in fields(meta)

@@ -1,6 +1,5 @@
-"""The last page of the report: the machine measured again after loading; the predicted and the
-measured errors with U.
-"""
+"""The last page of the report: the machine measured again after loading, with the predicted and the
+measured errors and their U."""
 
 from collections.abc import Mapping, Sequence
 
@@ -24,9 +23,8 @@ def build_as_left(
     letterhead: Letterhead | None = None,
     language: Language = "en",
 ) -> Report:
-    """Return the last page; ``concluded`` is the conclusion about the machine before loading,
-    ``exported`` are the files that were loaded.
-    """
+    """Return the last page. ``concluded`` is the conclusion before loading, ``exported`` are the
+    loaded files."""
     words = {**catalogue("common", language), **catalogue("report", language)}
     html = template("as_left.html").render(
         **page_parts(),
@@ -45,7 +43,6 @@ def build_as_left(
 
 
 def _changes(before: Result, after: Result, words: Mapping[str, str]) -> Table:
-    """Return squareness and scale before and after loading, each with its U (k = 2)."""
     rows = [
         (name, certificate.with_u(q), certificate.with_u(after.squareness[name]), "µrad")
         for name, q in before.squareness.items()

@@ -1,6 +1,5 @@
 """The first page of the report: persons, object, time, instruments and convention, and the
-volumetric errors as found, as predicted and as left.
-"""
+volumetric errors as found, as predicted and as left."""
 
 import base64
 from collections.abc import Callable, Mapping
@@ -51,9 +50,8 @@ FACTS = (
     "event",
     "corrected",
 )
-"""Members of the result's ``survey`` in the order of the page; the name of each is a key of the
-catalogue.
-"""
+"""Members of the result's ``survey`` in the order of the page; each name is a key of the
+catalogue."""
 DUE = {
     "customer",
     "machine",
@@ -64,9 +62,7 @@ DUE = {
     "instrument_certificate",
     "sensors",
 }
-"""Members of ``survey`` that a customer expects: without a statement the page shows "not
-stated".
-"""
+"""Members of ``survey`` that a customer expects; a missing member appears as "not stated"."""
 PICTURES = {
     ".png": "image/png",
     ".jpg": "image/jpeg",
@@ -89,8 +85,7 @@ class Letterhead:
 
 def read_letterhead(path: Path) -> Letterhead:
     """Return the letterhead in a settings file: ``company``, ``address``, ``logo`` (a picture
-    beside the file). Raises UsageError.
-    """
+    beside the file). Raises UsageError."""
     fields = read_toml(read_text(path), str(path))
     unknown = sorted(fields.keys() - {"company", "address", "logo"})
     if unknown or not all(
@@ -128,9 +123,6 @@ def _picture(path: Path) -> str:
 
 
 def _compensation(result: Result, words: Mapping[str, str]) -> str:
-    """Return a text about the tables that were active during the measurement, with their files and
-    hashes.
-    """
     statement = stated_in(result)
     state = words[
         f"compensation_{statement.state}"
@@ -151,9 +143,8 @@ def _compensation(result: Result, words: Mapping[str, str]) -> str:
 def facts_table(
     result: Result, words: Mapping[str, str], laboratory: Laboratory | None = None
 ) -> Table:
-    """Return a table of operator, object, time and instruments; a member in `DUE` that neither
-    survey nor laboratory states is "not stated".
-    """
+    """Return a table of operator, object, time and instruments. A member in `DUE` without a value
+    is "not stated"."""
     known = _known(result.survey or Facts(), laboratory or Laboratory())
     shadowed = {"date"} if known.begun else set()
     missing = words["compensation_unstated"]
@@ -174,9 +165,6 @@ def facts_table(
 
 
 def _known(facts: Facts, laboratory: Laboratory) -> Facts:
-    """Return the facts of a survey; the statements in the laboratory's file replace these facts, as
-    in the certificate.
-    """
     of_survey = Equipment(
         name=facts.instrument,
         serial=facts.instrument_serial,
@@ -200,7 +188,7 @@ def _known(facts: Facts, laboratory: Laboratory) -> Facts:
 
 
 def signatures(laboratory: Laboratory | None, words: Mapping[str, str]) -> Table:
-    """Return a table with a row for every person who signs, with space for date and signature."""
+    """Return a table with one row for every person who signs, with space for date and signature."""
     persons = (laboratory.person if laboratory is not None else ()) or (Person(),)
     missing = words["compensation_unstated"]
     rows = [(one.name or missing, one.role or missing, "", "") for one in persons]
@@ -210,9 +198,6 @@ def signatures(laboratory: Laboratory | None, words: Mapping[str, str]) -> Table
 
 
 def _fact(value: object) -> str:
-    """Return a fact as a text in the form in which it was stated: a wavelength keeps its six
-    digits.
-    """
     return f"{value:.9g}" if isinstance(value, float) else shown(value)
 
 
@@ -223,10 +208,10 @@ def effect_table(
     words: Mapping[str, str],
     language: Language,
 ) -> Table | None:
-    """Return a table of the figures as found, as predicted and as left, at k = 2, each with its
-    tolerance and verdict if a tolerance is stated.
+    """Return a table of the figures as found, as predicted and as left, at k = 2, with their
+    tolerances and verdicts.
 
-    None where no volume was surveyed and no tolerance is stated.
+    None for a survey without a volume and without a tolerance.
     """
     conformity, tolerance = judged_in(result, reach), result.tolerance or {}
     now = {one.quantity: one for one in (() if conformity is None else conformity.as_found)}
@@ -298,7 +283,6 @@ def _cells(
 
 
 def _verdict(one: Judged, language: Language) -> str:
-    """Return the verdict about a figure with its probability of conformity."""
     return verdict_words(one, language) + (
         ""
         if one.probability is None
@@ -314,12 +298,11 @@ def _between(one: Judged) -> str:
 
 
 def with_u(number: Quantity) -> str:
-    """Return a number with its expanded uncertainty as a text."""
     return even(number.value, None if number.u is None else COVERAGE * number.u)
 
 
 def interval_words(found: Interval | None) -> str:
-    """Return an interval in um as a person reads it; a dash without an interval."""
+    """Return an interval in um as a text; a dash without an interval."""
     if found is None:
         return shown(None)
     low, high = found.shown()
@@ -327,30 +310,25 @@ def interval_words(found: Interval | None) -> str:
 
 
 def bound_words(found: Interval | None) -> str:
-    """Return the upper limit of the largest error vector in words, as in the conclusion: a lower
-    limit would be no promise.
-    """
+    """Return the upper limit of the largest error vector in words, without the lower limit."""
     high = "" if found is None else found.shown()[1]
     return f"≤ {high}" if high else interval_words(found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AsLeft:
-    """The volume measured again after the files were loaded: its figures, their source, and whether
-    the prediction is confirmed.
-    """
+    """The volume measured again after loading: its figures, their source, and whether the
+    prediction is confirmed."""
 
     source: str
     rms: Interval
     largest: Interval
     kept: bool | None
-    """Whether the measured rms agrees with the prediction, both with their U; None where
-    measurement or prediction has no U.
-    """
+    """Whether the measured rms agrees with the prediction within both U; None without one of the
+    U."""
     gain: Gain = "unsure"
-    """Change of the machine: better or worse if the new interval lies completely below or above the
-    interval as found, otherwise neither.
-    """
+    """Change of the machine: better or worse if the new interval is completely below or above the
+    interval as found, otherwise neither."""
     squareness: Mapping[str, Quantity] = field(default_factory=dict)
     judged: tuple[Judged, ...] = ()
 
@@ -358,13 +336,11 @@ class AsLeft:
 def as_left(
     source: str, again: Conclusion, found: Reach | None, after: Result | None = None
 ) -> AsLeft:
-    """Check the effect that ``found`` predicted before loading by a survey after loading; return
-    whether the prediction is confirmed, and the gain.
+    """Compare the prediction of ``found`` with a survey after loading; return whether the
+    prediction is confirmed, and the gain.
 
-    ``after`` is the result of the survey after loading, for its squareness and its verdicts.
-
-    Raises ``UsageError`` where an axis did not travel in one of the two surveys: such a survey
-    gives no statement about a volume.
+    ``after`` is the result of the survey after loading. Raises ``UsageError`` for a survey of less
+    than three axes.
     """
     if again.reach is None or found is None:
         what = message("axis-not-travelled")
@@ -391,9 +367,8 @@ def as_left(
 
 
 def _beside(one: Interval, other: Interval) -> int | None:
-    """Return -1 if an interval lies completely below another, 1 if completely above, 0 for an
-    overlap, None without limits.
-    """
+    """Return -1 if an interval is completely below another, 1 if completely above, 0 for an
+    overlap, None without limits."""
     if (
         one.low_um is None
         or one.high_um is None

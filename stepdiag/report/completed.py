@@ -1,4 +1,4 @@
-"""Conclusion and report of a complete survey, written into files beside the logs."""
+"""Conclusion and report of a complete survey, written beside the logs."""
 
 from pathlib import Path
 
@@ -15,8 +15,7 @@ from stepdiag.report.output import write_report
 
 def write_completed_report(done: Completed) -> Path:
     """Write conclusion and report of a completed survey, with its readings and all exports; return
-    the report's path.
-    """
+    the path of the report."""
     readings = parse_readings((done.folder / READINGS).read_text(encoding="utf-8"), READINGS)
     exported = [exported_of(each) for each in done.exports]
     conclusion = concluded(done)
@@ -39,9 +38,7 @@ def write_completed_report(done: Completed) -> Path:
 
 
 def concluded(done: Completed) -> Conclusion:
-    """Return the conclusion of a completed survey; the exports that were written come before the
-    refused exports.
-    """
+    """Return the conclusion of a completed survey; written exports come before refused exports."""
     exports = [export_of(each) for each in done.exports]
     exports += [Export(controller=name, refused=why) for name, why in done.refusals.items()]
     return conclude(done.result, exports)

@@ -1,6 +1,5 @@
 """The report as one self-contained HTML file that depends on no network, no other file and no
-clock.
-"""
+clock."""
 
 import base64
 import hashlib
@@ -43,13 +42,11 @@ from stepdiag.solver.model.reported import SCALE_SUM
 from stepdiag.texts.texts import Language, catalogue, localised
 
 _BETWEEN = re.compile(r"(<(?:td|th|text|li|p|h3|figcaption|title)(?: [^<>]*)?>)([^<>]+)<")
-"""Tags of the document behind which a text for a person begins."""
+"""Tags of the document before a text for a person."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """The HTML document of a report, and the figures in it."""
-
     html: str
     figures: tuple[Figure, ...]
 
@@ -68,12 +65,13 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     language: Language = "en",
 ) -> Report:
     """Return the report of a result; ``source`` is the name of the result's file in the report.
-    ``laboratory`` gives the number of the certificate on every page, and the signatory. ``sha256``
-    is the hash of the result's file, by default that of the result as written by this version.
+    ``laboratory`` contains the number of the certificate on every page, and the signatory.
+    ``sha256`` is the hash of the result's file, by default that of the result as written by this
+    version.
 
-    If readings are given, the report also shows the measured values. The prediction is drawn for
-    the first export with tables. The same input gives the same bytes: no part depends on the clock,
-    the computer or the order of a set.
+    With readings, the report also shows the measured values. The prediction is drawn for the first
+    export with tables. The same input gives the same bytes: no part depends on the clock, the
+    computer or the order of a set.
     """
     words = {**catalogue("common", language), **catalogue("report", language)}
     known = conclusion or conclude(
@@ -142,9 +140,6 @@ def build_report(  # noqa: PLR0913  # what a report is made of
 
 
 def _each_once(concluded: dict[str, list[str]], language: Language) -> dict[str, list[str]]:
-    """Return the conclusion without the verdicts about single figures, which the table above it
-    contains.
-    """
     firsts = tuple(
         catalogue("conclusion", language)[f"verdict_{state}"].partition("{")[0]
         for state in STATES
@@ -160,9 +155,6 @@ def _each_once(concluded: dict[str, list[str]], language: Language) -> dict[str,
 def _with_left(
     concluded: dict[str, list[str]], left: AsLeft | None, language: Language
 ) -> dict[str, list[str]]:
-    """Return the conclusion with the verdict about the machine as left, and without the files to
-    load, which are loaded by then.
-    """
     concluded = _each_once(concluded, language)
     if left is None:
         return concluded
@@ -182,8 +174,7 @@ def _with_left(
 
 def localised_document(html: str, language: Language) -> str:
     """Return the document with the numbers between its tags in the notation of a language; styles,
-    scripts and hashes stay unchanged.
-    """
+    scripts and hashes stay unchanged."""
     if language == "en":
         return html
     return _BETWEEN.sub(lambda found: f"{found[1]}{localised(found[2], language)}<", html)
@@ -192,9 +183,6 @@ def localised_document(html: str, language: Language) -> str:
 def _standards(
     result: Result, layout: Layout | None, readings: Readings | None
 ) -> Mapping[str, Sequence[StandardFigures]]:
-    """Return the figures of the standards from the result; for results of the closed forms, which
-    do not contain them, from the readings.
-    """
     if result.standards or layout is None or readings is None:
         return result.standards or {}
     return standard_figures.standards_report(
@@ -206,7 +194,7 @@ def page_parts(number: str = "") -> dict[str, str]:
     """Return the style sheet and the script of the document, and their hashes for the document's
     content policy.
 
-    ``number`` of the certificate stands at the head of every printed page.
+    ``number`` is the number of the certificate, printed at the head of every page.
     """
     head = (
         f"@page {{ @top-left {{ content: '{_css_text(number)}'; font: 8pt sans-serif; }} }}\n"
@@ -223,9 +211,6 @@ def page_parts(number: str = "") -> dict[str, str]:
 
 
 def _css_text(text: str) -> str:
-    """Return a text as a CSS string, in which every character except letters and digits is written
-    as its number.
-    """
     return "".join(
         each if each.isalnum() and each.isascii() else f"\\{ord(each):06x}" for each in text
     )
@@ -248,15 +233,13 @@ def _part(name: str) -> str:
 
 
 def _source_hash(text: str) -> str:
-    """Return the hash by which the document's content policy admits a script or a style sheet."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 @cache
 def template(name: str) -> jinja2.Template:
     """Return a template of this package; all its values are escaped except the drawings of this
-    package.
-    """
+    package."""
     loader = jinja2.FunctionLoader(_part)
     environment = jinja2.Environment(
         loader=loader,

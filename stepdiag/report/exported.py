@@ -1,6 +1,5 @@
 """An export in the report: its files with their hashes, and the effect of its tables on the
-tool.
-"""
+tool."""
 
 import hashlib
 from collections.abc import Sequence
@@ -24,8 +23,6 @@ from stepdiag.report.drawings.figures import Correction
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedFile:
-    """A compensation file of an export."""
-
     name: str
     size_bytes: int
     sha256: str
@@ -34,8 +31,7 @@ class ExportedFile:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
     """An export for a control: its files, and the effect of their tables on the tool (None without
-    tables).
-    """
+    tables)."""
 
     controller: str
     files: tuple[ExportedFile, ...]
@@ -45,7 +41,6 @@ class Exported:
 
 
 def exported_of(written: ExportReport) -> Exported:
-    """Return an export in the form for the report."""
     files = read_set(written.out_dir)
     lattices = [
         file for file in files if lattice.recognises(file) and not is_restore(file.name)
@@ -65,8 +60,8 @@ def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> 
     """Return an export from files, or from the folder of an export. All files are listed; the
     prediction uses the files of a control except the restore files.
 
-    Raises ``UsageError`` where a file cannot be read, ``DataError`` where tables are damaged or
-    files of two controls are mixed, ``SafetyError`` for a set that differs from its export.
+    Raises ``UsageError`` for an unreadable file, ``DataError`` for damaged tables or files of two
+    controls, ``SafetyError`` for a set that differs from its export.
     """
     files = read_given(paths)
     tables = [file for file in files if _is_table(file) and not is_restore(file.name)]

@@ -1,6 +1,4 @@
-"""A report made from its source files: for a reader, together with a certificate, and again for the
-verification of a certificate.
-"""
+"""A report made from its source files, also for the verification of a certificate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,8 +19,7 @@ from stepdiag.texts.texts import Language
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportFiles:
     """The sources of a report: ``result`` and ``left`` are files of results, ``files`` are files or
-    folders of exports.
-    """
+    folders of exports."""
 
     result: Path
     files: Sequence[Path] = ()
@@ -35,11 +32,11 @@ class ReportFiles:
 
 
 def report_from(of: ReportFiles) -> Report:
-    """Return the report of a result with all its sources; the same files give the same bytes, in
-    any folder.
+    """Return the report of a result with all its sources; the same files give the same bytes in any
+    folder.
 
-    The files of a folder count as one export. Raises a StepdiagError if a file is unreadable or
-    belongs to another result.
+    The files of a folder count as one export. Raises a StepdiagError for a file that is unreadable
+    or belongs to another result.
     """
     found = result_in(of.result)
     exported = [exported_in(found, each, of.profile) for each in _exports(of.files)]
@@ -59,9 +56,6 @@ def report_from(of: ReportFiles) -> Report:
 
 
 def _exports(paths: Sequence[Path]) -> list[list[Path]]:
-    """Return the exports among files and folders: a folder with a list of its files is read as a
-    whole.
-    """
     folders: dict[Path, list[Path]] = {}
     for path in paths:
         folders.setdefault(path if path.is_dir() else path.parent, []).append(path)

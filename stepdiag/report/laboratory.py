@@ -1,6 +1,5 @@
-"""The facts that a result does not contain: laboratory, customer, item, persons and equipment, from
-a settings file. A missing fact is shown as "not stated".
-"""
+"""The facts outside a result: laboratory, customer, item, persons and equipment, from a settings
+file. A missing fact appears as "not stated"."""
 
 import hashlib
 from datetime import date
@@ -15,9 +14,8 @@ from stepdiag.base.settings import convert, read_toml
 
 NOT_STATED = "not stated"
 UNKNOWN_COUNTRY = "ZZ"
-"""Code of a country that is not stated: ISO 3166-1 leaves this code to its users, and the schema of
-the certificate requires a code.
-"""
+"""Code of an unknown country: the schema of the certificate requires a code, and ISO 3166-1 leaves
+this code to its users."""
 Country = Annotated[
     str, Meta(pattern=r"^([A-Z]{2})?\Z", description='a country as two letters, such as "DE"')
 ]
@@ -38,8 +36,6 @@ class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class Item(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The calibrated item, a machine."""
-
     name: str = ""
     manufacturer: str = ""
     model: str = ""
@@ -56,9 +52,8 @@ class Person(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class Equipment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A laser or a sensor; ``certificate_file`` is the calibration certificate of this equipment, a
-    file beside the settings file.
-    """
+    """A laser or a sensor; ``certificate_file`` is its calibration certificate, a file beside the
+    settings file."""
 
     name: str
     manufacturer: str = ""
@@ -87,8 +82,6 @@ class Head(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class Laboratory(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The contents of the laboratory's settings file."""
-
     certificate: Head = Head()
     laboratory: Place = Place()
     customer: Place = Place()
@@ -99,8 +92,7 @@ class Laboratory(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 class Stated(msgspec.Struct, frozen=True, kw_only=True):
     """The settings file of the laboratory, with the hashes of the files named in it, by name.
-    ``name`` and ``sha256`` belong to the settings file; both are empty without a file.
-    """
+    ``name`` and ``sha256`` belong to the settings file; both are empty without a file."""
 
     file: Laboratory
     name: str = ""
@@ -109,9 +101,8 @@ class Stated(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_laboratory(path: Path | None) -> Stated:
-    """Return the statements in a laboratory's settings file; empty without a file. Raises
-    UsageError for a wrong field or a missing file.
-    """
+    """Return the laboratory's settings file; empty without a file. Raises UsageError for a wrong
+    field or a missing file."""
     if path is None:
         return Stated(file=Laboratory())
     found = convert(read_toml(read_text(path), path.name), Laboratory, path.name)
@@ -124,5 +115,5 @@ def read_laboratory(path: Path | None) -> Stated:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file. Raises UsageError where the file cannot be read."""
+    """Return the SHA-256 of a file. Raises UsageError for an unreadable file."""
     return hashlib.sha256(read_bytes(path)).hexdigest()

@@ -1,4 +1,4 @@
-"""Figures of the measured deviations of every setup, before any model is applied."""
+"""Figures of the measured deviations of every setup, without a model."""
 
 from collections.abc import Mapping
 
@@ -16,18 +16,16 @@ from stepdiag.texts.texts import Language
 
 
 def layout_of(readings: Readings, result: Result) -> Layout:
-    """Return the readings with the geometry of the result's volume. Raises ``DataError`` where the
-    readings belong to another survey.
-    """
+    """Return the readings with the geometry of the result's volume. Raises ``DataError`` for
+    readings of another survey."""
     return lay_out(readings, "readings", result.volume)
 
 
 def setup_figures(
     layout: Layout, words: Mapping[str, str], language: Language
 ) -> list[Figure]:
-    """Return a figure per setup: deviation over the distance along the beam, with a line per pass.
-    A return pass with its own zero begins at the end of the outward pass.
-    """
+    """Return a figure per setup: deviation over the distance along the beam, one line per pass. A
+    return pass with its own zero begins at the end of the outward pass."""
     return [
         _setup_figure(layout, index, setup.name, words, language)
         for index, setup in enumerate(layout.setups)

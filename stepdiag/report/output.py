@@ -1,4 +1,4 @@
-"""Writing of a report: HTML, its figures as CSV, and a PDF where chromium is present."""
+"""Writing of a report: HTML, its figures as CSV, and a PDF if chromium is installed."""
 
 import os
 import shutil
@@ -19,11 +19,11 @@ PRINT_TIMEOUT_S = 120.0
 def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
     """Write the report and return the written files.
 
-    An ``out`` that ends in ``.html`` is the document itself, with the CSV of its figures inside, as
-    links; one that ends in ``.pdf`` is the printed document. Any other ``out`` is a folder for
-    ``report.html`` and ``figures/<name>.csv``. With ``pdf`` the PDF is written beside the HTML. The
-    HTML and its figures are written together or not at all. Raises UsageError where ``out`` is an
-    existing file, DeviceError where a PDF is requested and chromium is missing or fails.
+    An ``out`` with the ending ``.html`` is the document itself, which then contains the CSV of its
+    figures as links; an ``out`` with the ending ``.pdf`` is the printed document. Any other ``out``
+    is a folder for ``report.html`` and ``figures/<name>.csv``. With ``pdf`` the PDF is written
+    beside the HTML. The HTML and its figures are written together or not at all. Raises UsageError
+    if ``out`` is an existing file, DeviceError for a PDF if chromium is missing or fails.
     """
     if out.suffix.lower() == ".pdf" and not out.is_dir():
         write_atomically(out, printed(report.html.encode()))
@@ -43,9 +43,8 @@ def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
 
 
 def printed(html: bytes) -> bytes:
-    """Return an HTML file printed as PDF; no file remains on the disk. Raises the DeviceError of
-    `print_pdf`.
-    """
+    """Return an HTML file printed as PDF; no file stays on the disk. Raises the DeviceError of
+    `print_pdf`."""
     with tempfile.TemporaryDirectory(prefix="stepdiag-print-") as folder:
         document = Path(folder) / "report.html"
         document.write_bytes(html)
@@ -53,14 +52,12 @@ def printed(html: bytes) -> bytes:
 
 
 def browser() -> str | None:
-    """Return the path of the browser that prints, or None without a browser."""
     return next((found for name in BROWSERS if (found := shutil.which(name))), None)
 
 
 def print_pdf(document: Path) -> Path:
     """Print an HTML file to a PDF beside it, without network and with a temporary browser profile;
-    return the path of the PDF.
-    """
+    return the path of the PDF."""
     program = browser()
     if program is None:
         raise DeviceError(
@@ -103,9 +100,6 @@ def print_pdf(document: Path) -> Path:
 
 
 def _switches(profile: str) -> list[str]:
-    """Return the options that keep the browser without a window and without network; for root the
-    sandbox is switched off.
-    """
     quiet = [
         "--disable-background-networking",
         "--disable-component-update",

@@ -43,10 +43,9 @@ POSITIONING_FIGURES = {
     "A": "A",
 }
 """The figures of ISO 230-2 by their names in `solver.standards.iso230`, in the notation of the
-standard.
-"""
+standard."""
 MOST_ROWS = 200
-"""Largest number of rows of a table; a result of another program may contain more."""
+"""Largest number of rows of a table; a result of another program can contain more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,14 +57,11 @@ class Table:
 
 
 def table_of(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table | None:
-    """Return a table of rows; None without a row."""
     return Table(header=header, rows=rows) if rows else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remark:
-    """A finding in the report: its sentence and its remedy."""
-
     severity: str
     severity_word: str
     code: str
@@ -75,8 +71,7 @@ class Remark:
 
 def shown(value: object, decimals: int | None = None) -> str:
     """Return the text of a table's cell: numbers with a fixed number of decimals or four
-    significant digits, lists joined, None as a dash.
-    """
+    significant digits, lists joined, None as a dash."""
     if value is None:
         return "–"
     if isinstance(value, bool):
@@ -107,8 +102,7 @@ def conditions_table(
     result: Result, readings: Readings | None, words: Mapping[str, str]
 ) -> Table:
     """Return a table of the conditions of the survey: ``conditions`` of the result, and the values
-    of the readings.
-    """
+    of the readings."""
     flat = [] if result.conditions is None else _leaves(written(result.conditions))
     rows = [(_readable(name, words), _from_to(value)) for name, value in flat[:MOST_ROWS]]
     measured = "material_temperature_c" in dict(flat)
@@ -132,7 +126,6 @@ def conditions_table(
 
 
 def _from_to(value: object) -> str:
-    """Return a pair of least and largest value as a range, any other value unchanged."""
     if (
         isinstance(value, list)
         and len(value) == 2
@@ -144,9 +137,7 @@ def _from_to(value: object) -> str:
 
 
 def setups_table(result: Result, words: Mapping[str, str], language: Language) -> Table:
-    """Return a table with a row per setup: its passes, and the setup's mirror tilt, drift and
-    repeatability.
-    """
+    """Return a table with one row per setup: its passes, mirror tilt, drift and repeatability."""
     setups = dict(list(result.setups.items())[:MOST_ROWS])
     columns = [
         column
@@ -166,9 +157,6 @@ def setups_table(result: Result, words: Mapping[str, str], language: Language) -
 
 
 def _setup_fact(value: object, words: Mapping[str, str]) -> str:
-    """Return one fact of a setup as a text; of several drifts the largest, with its standard
-    uncertainty.
-    """
     if isinstance(value, tuple) and value and isinstance(value[0], Drift):
         worst = max(value, key=lambda drift: abs(drift.total_um))
         return f"{shown(worst.total_um, 2)} ± {shown(worst.u_um, 2)} µm"
@@ -178,7 +166,6 @@ def _setup_fact(value: object, words: Mapping[str, str]) -> str:
 
 
 def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
-    """Return the values in a tree of mappings, each with its path."""
     found: list[tuple[str, object]] = []
     for name, value in facts.items():
         if isinstance(value, dict):
@@ -189,9 +176,6 @@ def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, objec
 
 
 def _readable(name: str, words: Mapping[str, str]) -> str:
-    """Return the heading of a fact by its name; a name that the catalogue lacks, such as
-    ``mirror_tilt_mrad``, as ``mirror tilt / mrad``.
-    """
     if heading := words.get(f"fact_{name.replace(' ', '_')}"):
         return heading
     head, _, unit = name.rpartition("_")
@@ -203,7 +187,6 @@ def _readable(name: str, words: Mapping[str, str]) -> str:
 
 
 def squareness_table(result: Result, words: Mapping[str, str]) -> Table:
-    """Return a table of the three squarenesses with their expanded uncertainty."""
     rows = []
     for name, quantity in result.squareness.items():
         value, u = _value_and_u(quantity.value, quantity.u)
@@ -229,7 +212,6 @@ def squareness_table(result: Result, words: Mapping[str, str]) -> Table:
 
 
 def scale_table(result: Result, words: Mapping[str, str]) -> Table:
-    """Return a table of the three scales with their expanded uncertainty."""
     rows = []
     for name, scale in result.scale.items():
         value, u = _value_and_u(scale.value, scale.u)
@@ -240,14 +222,13 @@ def scale_table(result: Result, words: Mapping[str, str]) -> Table:
 
 
 def _value_and_u(value: float | None, u: float | None) -> tuple[str, str]:
-    """Return two cells: a value, and its U (k = 2)."""
     expanded = None if u is None else COVERAGE * u
     decimals = 2 if expanded is None else decimals_of_u(expanded)
     return shown(value, decimals), shown(expanded, decimals)
 
 
 def even(value: float | None, expanded: float | None) -> str:
-    """Return a value with its U (k = 2) as one cell; the value alone where no U is stated."""
+    """Return a value with its U (k = 2) as one cell; the value alone without U."""
     return (
         shown(value, 2)
         if value is None or expanded is None
@@ -257,8 +238,7 @@ def even(value: float | None, expanded: float | None) -> str:
 
 def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """Return a table of the scales as measured and at 20 C, each with its U, and of the scales in
-    the tables; None if the result lacks these scales.
-    """
+    the tables; None for a result without these scales."""
     found = basis_of(result)
     if found.tables is None or not found.other:
         return None
@@ -288,12 +268,12 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
 def positioning_table(
     standards: Standards, words: Mapping[str, str], language: Language
 ) -> Table | None:
-    """Return a table of the figures of ISO 230-2 and ISO 230-6 along axes and diagonals, with a row
-    per setup and U (k = 2) where known.
+    """Return a table of the figures of ISO 230-2 and ISO 230-6 along axes and diagonals, with one
+    row per setup and U (k = 2) where known.
 
     ``standards`` is the entry of the result; columns without a known value are left out. A row
-    contains the lengths (as measured, at 20 C) to which its figures refer only if these differ
-    between rows (`positioning_lengths`).
+    contains the kind of its lengths (as measured, at 20 C) only if the kinds differ between rows
+    (`positioning_lengths`).
     """
     first = {name: found[0] for name, found in standards.items() if found}
     known = {
@@ -329,9 +309,8 @@ def _standard(name: str, words: Mapping[str, str]) -> str:
 
 
 def positioning_lengths(standards: Standards, words: Mapping[str, str]) -> str:
-    """Return the lengths (as measured, at 20 C) to which all figures along axes and diagonals
-    refer; empty where unknown, or if the figures differ in this.
-    """
+    """Return the kind of lengths (as measured, at 20 C) of all figures along axes and diagonals;
+    empty if unknown or different."""
     lengths = {
         text for found in standards.values() if found and (text := _lengths(found[0], words))
     }
@@ -354,16 +333,14 @@ VDI_FIGURES = {
     "Ps_mean": "P̅s",
 }
 """The figures of VDI/DGQ 3441 by their names in `solver.standards.iso230`. The figure U of this
-standard is the reversal, not an uncertainty.
-"""
+standard is the reversal, not an uncertainty."""
 
 
 def vdi_table(
     standards: Standards, words: Mapping[str, str], language: Language
 ) -> Table | None:
-    """Return a table of the figures of VDI/DGQ 3441, with a row for each run that has these
-    figures; None without such runs.
-    """
+    """Return a table of the figures of VDI/DGQ 3441, one row for each run with these figures; None
+    without such runs."""
     rows = []
     for name, found in list(standards.items())[:MOST_ROWS]:
         facts = next((one for one in found if one.standard.startswith("VDI")), None)
@@ -380,9 +357,6 @@ def vdi_table(
 
 
 def _figure(facts: StandardFigures, name: str) -> float | None:
-    """Return a figure of a setup; for the figures over all diagonals, whose names end in _d, that
-    of the machine.
-    """
     value: float | None = getattr(facts, name)
     return getattr(facts, f"{name}_d", None) if value is None else value
 
@@ -404,9 +378,8 @@ HEAD_FIGURES = (
 
 
 def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return a table of the straightness measured by the 4-DOF head, with a row per function; None
-    if the result does not contain it (``head_straightness``).
-    """
+    """Return a table of the straightness measured by the 4-DOF head, one row per function; None for
+    a result without ``head_straightness``."""
     measured = result.head_straightness or {}
     rows = [
         (name, *(shown(getattr(facts, figure)) for figure in HEAD_FIGURES))
@@ -417,9 +390,8 @@ def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return a table of the agreement of the readings with the model; None if the result does not
-    contain it (``fit``, ``scale_sum_um``).
-    """
+    """Return a table of the agreement of the readings with the model; None for a result without
+    ``fit`` and ``scale_sum_um``."""
     fit = {} if result.fit is None else written(result.fit)
     total = {} if result.scale_sum_um is None else written(result.scale_sum_um)
     known = [
@@ -434,8 +406,7 @@ def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
     """Return chi-square with its degrees of freedom and its expected value for a valid model; empty
-    if the result does not contain them.
-    """
+    for a result without them."""
     fit = result.fit
     if fit is None or fit.chi_square is None or not fit.degrees_of_freedom:
         return ""
@@ -447,8 +418,7 @@ def chi_square_words(result: Result, words: Mapping[str, str]) -> str:
 
 def unidentified(result: Result, words: Mapping[str, str]) -> list[str]:
     """Return, as texts, every quantity that the data do not determine: functions, squarenesses,
-    scales.
-    """
+    scales."""
     functions = [
         f"{name}"
         for name in (*DISPLACEMENTS, *ROTATIONS)
@@ -474,7 +444,6 @@ def unidentified(result: Result, words: Mapping[str, str]) -> list[str]:
 
 
 def remarks(result: Result, words: Mapping[str, str], language: Language) -> list[Remark]:
-    """Return the findings of the result, the most serious first."""
     order = {"error": 0, "warning": 1, "info": 2}
     return [
         Remark(
@@ -491,7 +460,6 @@ def remarks(result: Result, words: Mapping[str, str], language: Language) -> lis
 def history_table(
     result: Result, words: Mapping[str, str], language: Language
 ) -> Table | None:
-    """Return the past events of the recording (``history``), if the result contains them."""
     rows = [
         (one.code, rendered(one.words, language))
         for one in (result.history or ())[:MOST_ROWS]
@@ -501,7 +469,7 @@ def history_table(
 
 def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """Return a table of the files from which the result was solved, each with the SHA-256 of its
-    contents; None for a result that names no file.
+    contents; None for a result without file names.
 
     Packing a log does not change its hash, so the report stays the same.
     """
@@ -510,9 +478,8 @@ def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def slips_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
-    """Return a table of the largest slip of the count that may stay unnoticed (``unseen_slip``);
-    None if the result does not contain it.
-    """
+    """Return a table of the largest undetected slip of the count (``unseen_slip``); None for a
+    result without it."""
     rows = [
         (
             rendered(each.where, language),
@@ -525,7 +492,6 @@ def slips_table(result: Result, words: Mapping[str, str], language: Language) ->
 
 
 def _size(um: float | None) -> str:
-    """Return a size as a text, with the digits that the conclusion shows."""
     return shown(um, None if um is None else decimals_of(um))
 
 
@@ -533,8 +499,7 @@ def budget_table(
     result: Result, units: Mapping[str, str], words: Mapping[str, str]
 ) -> Table | None:
     """Return a table of U (k = 2) of every quantity, with its three largest sources in percent of
-    the square of U; None without a budget.
-    """
+    the square of U; None without a budget."""
     rows = []
     for quantity, sources in ({} if result.budget is None else result.budget.shares).items():
         total = sum(share**2 for share in sources.values())
@@ -562,8 +527,7 @@ def budget_table(
 
 def quantity_words(quantity: str, words: Mapping[str, str]) -> str:
     """Return the name of a quantity of the budget: a function, its remainder, a scale, a
-    squareness.
-    """
+    squareness."""
     if quantity in (SCALE_SUM, VOLUME):
         return words["scale_sum" if quantity == SCALE_SUM else "quantity_volume"]
     kind, _, name = (
@@ -581,8 +545,7 @@ def assumptions_table(
     result: Result, words: Mapping[str, str], language: Language
 ) -> Table | None:
     """Return a table of the assumptions of each source of the budget (``budget.assumptions``); None
-    if the result does not contain them.
-    """
+    for a result without them."""
     known = {} if result.budget is None else result.budget.assumptions
     rows = [
         (source_words(source, words), rendered(text, language))

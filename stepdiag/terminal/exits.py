@@ -1,6 +1,5 @@
-"""Errors and exit codes of a command: only this module assigns an exit code to the cause of an
-error (contract 5).
-"""
+"""Errors and exit codes of a command. Only this module maps the cause of an error to an exit code
+(contract 5)."""
 
 import os
 import sys
@@ -30,9 +29,8 @@ INTERRUPTED = 130
 
 @contextmanager
 def refusals_shown(written: Callable[[Words], str] = shown) -> Iterator[None]:
-    """Write an error to standard error in the form of ``written``, and exit with the code of the
-    error's cause.
-    """
+    """Write an error to standard error in the form of ``written``, and exit with the code of its
+    cause."""
     micro_shown()
     try:
         yield
@@ -48,10 +46,10 @@ def refusals_shown(written: Callable[[Words], str] = shown) -> Iterator[None]:
 
 @contextmanager
 def failed_writing_shown() -> Iterator[None]:
-    """Turn an error of the operating system into an error message: a full disk, a missing
+    """Convert an error of the operating system into an error message: a full disk, a missing
     permission, a character that the terminal cannot show.
 
-    The daemon does not run in this context: there, a temporary error of the operating system is no
+    The daemon does not run in this context, because a temporary error of the operating system is no
     wrong usage.
     """
     try:

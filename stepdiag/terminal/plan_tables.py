@@ -15,9 +15,8 @@ from stepdiag.solver.planning.planner import Advice, Forecast
 from stepdiag.terminal.viewer import empty_table, shown
 
 FEW, FEW_OF_A_ROW = 7, 4
-"""Number of lines of a survey up to which they are shown by their corners: more would not fit into
-three lines of a terminal, or four lines of a table's row.
-"""
+"""Number of lines of a survey up to which they are shown by their corners: more would not fit three
+lines of a terminal, or four lines of a table's row."""
 KINDS = {
     "step": message("kind-step"),
     "body": message("kind-body"),
@@ -29,9 +28,8 @@ _ANGLES = {"assumed": message("angles-assumed"), "solved": message("angles-solve
 
 
 def in_words(forecast: Forecast, *, by_name: bool) -> Words:
-    """Return a sentence about a forecast: runs, time, volumetric uncertainty, and how the survey
-    treats the angular errors.
-    """
+    """Return a sentence about a forecast: runs, time, volumetric uncertainty, and the treatment of
+    the angular errors."""
     lines = forecast.plan.runs
     few = by_name or len(lines) <= FEW
     runs = [_repeated(run) for run in lines] if few else _kinds(forecast.plan)
@@ -54,9 +52,6 @@ def _repeated(run: Run) -> Words:
 
 
 def _slips(ahead: Foresight) -> Iterator[Words]:
-    """Yield a sentence about the slip of the laser's count that may stay unnoticed, with its size
-    and its effect; no sentence without a diagonal.
-    """
     if ahead.unseen is not None:
         nearly_um = ahead.unseen.nearly_um
         yield (
@@ -67,9 +62,8 @@ def _slips(ahead: Foresight) -> Iterator[Words]:
 
 
 def forecast_table(forecast: Forecast) -> Table:
-    """Return a table of the expanded uncertainty of every quantity; a quantity that the survey does
-    not identify is marked.
-    """
+    """Return a table of the expanded uncertainty of every quantity; an unidentified quantity is
+    marked."""
     table = empty_table(message("table-forecast"))
     rows = (
         (message("row-positioning"), ("EXX", "EYY", "EZZ"), "µm"),
@@ -115,9 +109,8 @@ def _resolved(forecast: Forecast) -> Message:
 
 
 def front_table(advice: Advice, *, verbose: bool) -> Table:
-    """Return a table with one row per survey that is worth its time; ``verbose`` names its lines.
-    Below the table are the limits of control and head.
-    """
+    """Return a table with one row per recommended survey, and below it the limits of control and
+    head; ``verbose`` adds the lines of each survey."""
     table = empty_table(message("table-front"))
     for each in advice.front:
         table.add_row(
@@ -143,8 +136,7 @@ def _head(advice: Advice) -> Iterator[Message]:
 
 def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
     """Return a text about the runs of a plan: the setups with their shifts, or for many setups the
-    number of each kind; and how they are driven.
-    """
+    number of each kind, and the passes."""
     few = by_name or len(plan.runs) <= FEW_OF_A_ROW
     lines = [_run_words(run) for run in plan.runs] if few else _kinds(plan)
     orders = next((run.driven_orders for run in plan.runs if run.driven_orders), ())
@@ -163,9 +155,6 @@ def lines_in_words(plan: Plan, *, by_name: bool = True) -> Message:
 
 
 def _kinds(plan: Plan) -> list[Words]:
-    """Return, by kind, the number of a plan's lines and the number of those with a shifted
-    laser.
-    """
     counted: list[Words] = []
     for kind, word in KINDS.items():
         runs = [run for run in plan.runs if setup_of(run.setup).kind == kind]

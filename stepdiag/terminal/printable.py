@@ -1,6 +1,5 @@
-"""Text that a terminal can show: without control characters from foreign files, and with a
-replacement for the micrometre sign.
-"""
+"""Text that a terminal can show: without control characters from foreign files, and with ``um`` for
+a missing micrometre sign."""
 
 import codecs
 import sys
@@ -17,18 +16,17 @@ def printable(text: str) -> str:
 
 class _PlainStream(TextIOWrapper):
     """A stream whose encoding lacks the sign µ. The encoding has another name, because typer writes
-    UTF-8 directly to a stream whose encoding is ASCII.
-    """
+    UTF-8 directly to an ASCII stream."""
 
     encoding = "plain, um for micrometre"
 
 
 def micro_shown() -> None:
-    """Let standard output and error write ``um`` for µm where their encoding lacks the sign, for
+    """Write ``um`` for µm on standard output and error if their encoding lacks the sign, for
     example ASCII or ISO 8859-2.
 
-    With ASCII, other characters are written as UTF-8, without loss; another encoding treats other
-    characters as before.
+    With ASCII, other characters are written as UTF-8 without loss; with another encoding they are
+    written as before.
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)

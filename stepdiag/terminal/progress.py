@@ -1,6 +1,5 @@
-"""Signs of progress on standard error during work of more than a second; none if standard error is
-not a terminal.
-"""
+"""Progress on standard error during work of more than a second; nothing if standard error is not a
+terminal."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -22,7 +21,7 @@ def working(doing: Message) -> Iterator[None]:
 
 
 def counted(items: Iterable[Item], doing: Message, total: int) -> Iterator[Item]:
-    """Yield the items while a bar shows how many of ``total`` are complete."""
+    """Yield the items while a bar shows the number of complete items out of ``total``."""
     from rich.console import Console
     from rich.progress import track
 

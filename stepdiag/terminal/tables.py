@@ -24,9 +24,8 @@ MARKS: dict[Severity, Message] = {
 }
 
 FEW_ALIKE = 2
-"""Number of findings of a code that are printed without ``verbose``, for example about the tables
-of two axes.
-"""
+"""Number of findings with the same code that are printed without ``verbose``, for example about the
+tables of two axes."""
 _PARTS = {
     "without rigid motion": message("without-rigid-motion"),
     "as it is": message("as-it-is"),
@@ -57,9 +56,8 @@ def print_tables(result: Result) -> None:
 
 
 def print_findings(findings: Sequence[Finding], *, verbose: bool) -> None:
-    """Print findings, the severest first; without ``verbose``, only the number is printed of the
-    notes, and of the findings after the first `FEW_ALIKE` with the same code.
-    """
+    """Print findings, the severest first. Without ``verbose``, only the number is printed of the
+    notes, and of the findings after the first `FEW_ALIKE` with the same code."""
     serious = [each for each in findings if each.severity != "info"]
     first = [
         each for at, each in enumerate(serious) if _alike(serious[:at], each) < FEW_ALIKE
@@ -75,14 +73,12 @@ def print_findings(findings: Sequence[Finding], *, verbose: bool) -> None:
 
 
 def _alike(before: Sequence[Finding], found: Finding) -> int:
-    """Return the number of earlier findings with the code and severity of this finding."""
     return sum((each.code, each.severity) == (found.code, found.severity) for each in before)
 
 
 def function_table(result: Result) -> Table:
     """Return one row per function: range of its shape (end-point line removed), value at its end,
-    largest uncertainty, and which parts are identified.
-    """
+    largest uncertainty, and its identified parts."""
     table = empty_table(message("table-functions"))
     for name in (
         *DISPLACEMENTS,
@@ -99,8 +95,7 @@ def function_table(result: Result) -> Table:
 
 def _function_row(name: str, function: Function) -> tuple[str, str, str, str, str]:
     """Return the cells of a function behind its name. A straightness function has no end value,
-    because its end-point line is in the squareness.
-    """
+    because its end-point line is in the squareness."""
     if function.value is None:
         return "-", "-", "-", UNITS[function.unit], shown(message("identified-no"))
     end = float(function.value[-1] - function.value[0])
@@ -125,7 +120,7 @@ def _function_row(name: str, function: Function) -> tuple[str, str, str, str, st
 
 
 def quantity_table(result: Result) -> Table:
-    """Return a table with one row per squareness and scale, with expanded uncertainty."""
+    """Return one row per squareness and scale, with expanded uncertainty."""
     table = empty_table(message("table-quantities"))
     numbers = [(name, q.value, q.u, UNITS[q.unit]) for name, q in result.squareness.items()]
     numbers += [
@@ -195,9 +190,8 @@ def effect_table(prediction: Prediction) -> Table:
 def conclusion_lines(
     words: Mapping[str, Sequence[str]], titles: Mapping[str, str]
 ) -> Iterator[str]:
-    """Yield the conclusion, section by section under its title; the keys of ``words`` and
-    ``titles`` are the names of the sections.
-    """
+    """Yield the conclusion section by section, each under its title; the keys of ``words`` and
+    ``titles`` are the names of the sections."""
     for section, sentences in words.items():
         if sentences:
             yield titles[section]

@@ -1,4 +1,4 @@
-"""The language of the reader at a terminal, and output in this language."""
+"""The language of the person at a terminal, and output in this language."""
 
 import os
 import re
@@ -18,18 +18,16 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 WIDEST = 100
-"""Largest number of columns of a line: in a longer line, the eye fails to find the beginning of the
-next one.
-"""
+"""Largest number of columns of a line: in a longer line, the eye does not find the beginning of the
+next one."""
 WHOLE = re.compile(r"`[^`]*`|\d (?=[µ%°]|(?:mm|min|h|s)\b)")
 """Pattern of the parts of a text that a line end must not divide: a command, which is copied, and a
-figure with its unit.
-"""
+figure with its unit."""
 
 
 def viewers_language() -> Language:
-    """Return the language that the environment names for messages (POSIX: LC_ALL before LC_MESSAGES
-    before LANG), or English."""
+    """Return the language of the environment for messages (POSIX: LC_ALL before LC_MESSAGES before
+    LANG), or English."""
     named = next(
         (
             value
@@ -45,7 +43,7 @@ def viewers_language() -> Language:
 
 
 def language_named(wanted: str) -> Language:
-    """Return the language that an option names. Raises UsageError for a language without texts."""
+    """Return the language of an option. Raises UsageError for a language without texts."""
     chosen = next((known for known in LANGUAGES if known == wanted), None)
     if chosen is None:
         raise UsageError("--language", expected=" or ".join(LANGUAGES), found=wanted)
@@ -53,7 +51,6 @@ def language_named(wanted: str) -> Language:
 
 
 def print_words(*lines: Words, err: bool = False) -> None:
-    """Print messages in the language of the reader, wrapped by `wrapped`."""
     import typer
 
     for line in lines:
@@ -61,9 +58,8 @@ def print_words(*lines: Words, err: bool = False) -> None:
 
 
 def print_first(lines: "Sequence[Words]", most: int, *, verbose: bool) -> None:
-    """Print lines; without ``verbose`` only as many as fit ``most`` lines of the terminal, at least
-    one, and then the number of the remaining lines.
-    """
+    """Print lines. Without ``verbose``, print only as many as fit ``most`` lines of the terminal,
+    at least one, and the number of the remaining lines."""
     heights = accumulate(wrapped(line).count("\n") + 1 for line in lines)
     fit = len(lines) if verbose else max(sum(height <= most for height in heights), 1)
     print_words(*lines[:fit])
@@ -72,17 +68,13 @@ def print_first(lines: "Sequence[Words]", most: int, *, verbose: bool) -> None:
 
 
 def wrapped(words: Words) -> str:
-    """Return a message in the language of the reader, wrapped at words; each line keeps its indent.
-    The width is that of the terminal (80 columns without a terminal), at most `WIDEST`.
-    """
+    """Return a message in the language of the reader, wrapped at words to the width of the terminal
+    (80 columns without a terminal), at most `WIDEST`. Each line keeps its indent."""
     columns = min(shutil.get_terminal_size().columns, WIDEST)
     return "\n".join(_wrapped(line, columns) for line in shown(words).split("\n"))
 
 
 def _wrapped(line: str, columns: int) -> str:
-    """Return a line wrapped to a largest number of columns; only a word or a command that is longer
-    exceeds this number.
-    """
     return textwrap.fill(
         WHOLE.sub(lambda part: part[0].replace(" ", "\0"), line),
         columns,
@@ -93,14 +85,12 @@ def _wrapped(line: str, columns: int) -> str:
 
 
 def shown(words: Words) -> str:
-    """Return a message in the language of the reader."""
     return printable(rendered(words, viewers_language()))
 
 
 def empty_table(about: Message) -> "Table":
     """Return a table without rows; ``about`` is a message with its title and its columns, separated
-    by |. A < before a column means a column of words.
-    """
+    by |. A < before a column means a column of words."""
     from rich.table import Table
 
     title, *columns = shown(about).split("|")

@@ -1,7 +1,6 @@
-"""The texts for people, in every language: the sentences of messages, the words of page and report.
+"""The texts for people in every language: the sentences of messages, the words of page and report.
 
-In: a key, a code. Out: patterns and sentences. Every floor imports this package, and it imports no
-floor.
+Every floor imports this package, and it imports no floor.
 """
 
 from stepdiag.texts.explained import finding_advice

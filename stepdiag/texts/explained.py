@@ -1,6 +1,5 @@
-"""The meaning of every finding: its cause, its cost and its remedy, in every language, from
-``findings.toml``.
-"""
+"""The meaning of every finding in every language, from ``findings.toml``: its cause, its cost and
+its remedy."""
 
 import tomllib
 from collections.abc import Container
@@ -12,7 +11,6 @@ from typing import Any, Literal
 from stepdiag.texts.texts import LANGUAGES, Language
 
 Action = Literal["repeat", "accept", "mend-wiring", "mend-file", "choose", "know"]
-"""The kinds of action that a finding requires of the operator."""
 Severity = Literal["info", "warning", "error"]
 GROUPS = ("recording", "result", "head", "export", "remark")
 """The groups of findings by their source; the last two groups belong to an export."""
@@ -25,8 +23,6 @@ _OF_AN_EXPORT: dict[Severity, Action] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Words:
-    """The explanation of a finding: its cause, what it costs, and what to do."""
-
     cause: str
     cost: str
     do: str
@@ -35,17 +31,15 @@ class Words:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Explanation:
     """A code: its source (one of `GROUPS`), the operator's action, and its words in every
-    language.
-    """
+    language."""
 
     group: str
     action: Action
     words: dict[Language, Words]
 
     def action_at(self, severity: Severity) -> Action:
-        """Return the action of a person for a severity: a warning of an export that requires only
-        knowledge is accepted by its code, a note is known.
-        """
+        """Return the action of a person for a severity. A warning of an export with the action
+        "know" requires acceptance by its code; a note requires no action."""
         return (
             self.action
             if severity == "error" or self.group not in ("export", "remark")
@@ -62,7 +56,7 @@ def _tables() -> dict[str, Any]:
 
 @cache
 def explanations() -> dict[str, Explanation]:
-    """Return the explanation of every code, in the order of the documentation."""
+    """Return the explanation of every code in the order of the documentation."""
     return {
         code: Explanation(
             group=group,
@@ -76,42 +70,36 @@ def explanations() -> dict[str, Explanation]:
 
 def keys_of(old: str) -> tuple[str, ...]:
     """Return the present keys (code, or code and variant) of a code of an older version; any other
-    code alone.
-    """
+    code unchanged."""
     return tuple(_tables()["renamed"].get(old, [old]))
 
 
 def accepted(code: str, key: str, accept: Container[str]) -> bool:
-    """Return whether a finding is accepted: by its code, by its key, or by its name in an older
-    version.
-    """
+    """Return whether a finding is accepted by its code, its key, or its name in an older
+    version."""
     former = (old for old, keys in _tables()["renamed"].items() if key in keys)
     return any(name in accept for name in (code, key, *former))
 
 
 def explained(code: str) -> Explanation | None:
-    """Return the explanation of a code, also of an old code with another name now; None for an
-    undocumented code.
-    """
+    """Return the explanation of a code, also of a renamed code; None for an undocumented code."""
     return explanations().get(keys_of(code)[0].partition(".")[0])
 
 
 def finding_advice(code: str, language: Language) -> str:
-    """Return the meaning of a finding, its cost and its remedy; empty texts for a code that is not
-    documented.
-    """
+    """Return the meaning of a finding, its cost and its remedy; empty texts for an undocumented
+    code."""
     entry = explained(code)
     words = None if entry is None else entry.words[language]
     return "" if words is None else f"{words.cause} {words.cost} {words.do}"
 
 
 def advice_of(code: str, language: Language) -> str:
-    """Return the remedy of a finding; empty for a code that is not documented."""
+    """Return the remedy of a finding; empty for an undocumented code."""
     entry = explained(code)
     return "" if entry is None else entry.words[language].do
 
 
 def finding_action(code: str, severity: Severity) -> Action:
-    """Return the action that a finding requires of a person."""
     entry = explained(code)
     return _OF_AN_EXPORT[severity] if entry is None else entry.action_at(severity)

@@ -3,11 +3,11 @@ floor (``messages/*.toml``).
 
 A slot's format is its type, the same in every language:
 
-    {name}            a name shown as it stands (setup, axis, file, field), or a message
+    {name}            a name shown unchanged (setup, axis, file, field), or a message
     {count:d}         a whole number
     {size_um:+.1f}    a number; its unit is in its name
-    {names:list}      names or messages with commas between them; ``each`` with semicolons, ``or``
-    and ``and`` with that word
+    {names:list}      names or messages with commas between them; ``each`` with semicolons,
+                      ``or`` and ``and`` with that word
     {passes:ranges}   whole numbers as ranges: 5-7, 9
     {stop:stop}       a stop of a pass: the program counts from 0, a person reads from 1
     {stops:stops}     stops as ranges, read from 1
@@ -15,7 +15,7 @@ A slot's format is its type, the same in every language:
     {setup:setup}     a setup: a diagonal by its corners, with the short name beside them
 
 An entry is one line. A key of ``[finding]`` is a code, or a code and a variant behind a dot
-(``"stop-outlier.alone"``); a key of ``[phrase]`` is held by others.
+(``"stop-outlier.alone"``); a key of ``[phrase]`` is a part of other sentences.
 """
 
 import tomllib
@@ -48,7 +48,7 @@ FLOORS = ("base", "solver", "exporters", "daq", "stepdiag")
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A place in a pattern: the name of its argument, its type, and how a number is written."""
+    """A place in a pattern: the name of its argument, its type, and the number format."""
 
     name: str
     kind: Kind
@@ -62,8 +62,7 @@ Pattern = tuple[tuple[str, Slot | None], ...]
 @cache
 def tables(floor: str) -> dict[str, dict[str, str]]:
     """Return the tables ``finding`` and ``phrase`` in a floor's file: each key with the unparsed
-    text behind it, since an entry is a line.
-    """
+    rest of its line."""
     path = files("stepdiag.texts").joinpath("messages", f"{floor}.toml")
     found: dict[str, dict[str, str]] = {}
     for line in path.read_text(encoding="utf-8").splitlines():
@@ -76,9 +75,8 @@ def tables(floor: str) -> dict[str, dict[str, str]]:
 
 
 class _Sentences(Mapping[str, dict[Language, Pattern]]):
-    """The patterns of every floor by key and language. A pattern is parsed when it is needed:
-    parsing all two thousand would take a third of the start of a command.
-    """
+    """The patterns of every floor by key and language. A pattern is parsed at its first use:
+    parsing all two thousand patterns takes a third of the start of a command."""
 
     def __init__(self) -> None:
         every = (entries for floor in FLOORS for entries in tables(floor).values())
@@ -103,21 +101,18 @@ class _Sentences(Mapping[str, dict[Language, Pattern]]):
 @cache
 def sentences() -> Mapping[str, dict[Language, Pattern]]:
     """Return the patterns of every floor by key and language. Raises ValueError for a wrong
-    slot.
-    """
+    slot."""
     return _Sentences()
 
 
 @cache
 def findings() -> frozenset[str]:
-    """Return the keys of all findings."""
     return frozenset(key for floor in FLOORS for key in tables(floor)["finding"])
 
 
 @cache
 def slots(key: str) -> dict[str, Kind]:
-    """Return the arguments of a message and their types. Raises KeyError for a key that no floor
-    has."""
+    """Return the arguments of a message and their types. Raises KeyError for an unknown key."""
     return _slots(sentences()[key]["en"])
 
 

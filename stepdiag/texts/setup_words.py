@@ -1,6 +1,4 @@
-"""The names of setups as a person reads them: a diagonal has its corners, followed by its short
-name.
-"""
+"""The names of setups for people: a diagonal has its two corners, followed by its short name."""
 
 from stepdiag.texts.texts import Language
 
@@ -17,7 +15,7 @@ _TO: dict[Language, str] = {"en": "to", "de": "nach"}
 def setup_words(name: str, language: Language) -> str:
     """Return ``diagonal X+Y-Z- to X-Y+Z+ (npp)`` for the name of a setup; any other text unchanged.
 
-    A sign behind an axis names the end of its travel where the way out begins and ends.
+    The sign behind an axis is the end of its travel at which the outward pass begins or ends.
     """
     kind, _, rest = name.partition("+")[0].rpartition("-")
     if kind in ("linear", "fourdof") and rest in ("x", "y", "z"):

@@ -1,6 +1,5 @@
-"""The words of the page and the report, in English and German, from a single catalogue; the
-explanations of findings are in `texts.explained`.
-"""
+"""The words of the page and the report in English and German, from a single catalogue;
+`texts.explained` contains the explanations of findings."""
 
 import re
 import tomllib
@@ -26,13 +25,12 @@ UNITS = {
     "percent": "%",
     "s": "s",
 }
-"""Units as a person reads them, by their names in results and in the names of arguments."""
+"""Units for people, by their names in results and arguments."""
 _POINT = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?!\.?\w)")
 
 
 @cache
 def _entries() -> dict[str, dict[str, dict[str, str]]]:
-    """Return the words of the catalogue by section, key and language."""
     text = files("stepdiag.texts").joinpath("catalogue.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
@@ -44,9 +42,8 @@ def catalogue(section: str, language: Language) -> Mapping[str, str]:
 
 
 def help_texts(language: Language) -> dict[str, dict[str, str]]:
-    """Return the help by command and option; the option "" is the command itself, the command "*"
-    holds the options that several commands have.
-    """
+    """Return the help by command and option. The option "" is the command itself; the command "*"
+    contains the options that several commands have."""
     tables = tomllib.loads(
         files("stepdiag.texts").joinpath("help.toml").read_text(encoding="utf-8")
     )

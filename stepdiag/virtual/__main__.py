@@ -1,10 +1,10 @@
 """``python -m stepdiag.virtual --config FILE.toml [--directory DIR]``: the bench as a separate
 process.
 
-The process prints a JSON line when the bench is ready, with the addresses of its devices, and a
-line for every event of the program. Commands come line by line on standard input: ``start`` begins
-the next setup, ``start npp`` drives a setup of the program again, ``fault {...}`` injects a fault
-given as JSON, ``quit`` ends the bench; SIGTERM and SIGINT end the bench too.
+The process prints a JSON line with the addresses of its devices when the bench is ready, and a line
+for every event of the program. Standard input accepts one command per line: ``start`` begins the
+next setup, ``start npp`` drives a setup again, ``fault {...}`` injects a fault in JSON, ``quit``
+ends the bench. SIGTERM and SIGINT also end the bench.
 """
 
 import argparse
@@ -23,9 +23,7 @@ from stepdiag.virtual.bench.config import BenchConfig, read_config
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a bench until it receives ``quit``; return the exit code (2 for a wrong
-    configuration).
-    """
+    """Run a bench until ``quit``; return the exit code (2 for a wrong configuration)."""
     options = _parse(arguments)
     options.directory.mkdir(parents=True, exist_ok=True)
     done = threading.Event()
@@ -64,7 +62,6 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def _listen(bench: VirtualBench, done: threading.Event) -> None:
-    """Execute the commands on standard input; the end of the input is not a command."""
     for line in sys.stdin:
         command, _, rest = line.strip().partition(" ")
         if command == "quit":

@@ -1,12 +1,12 @@
-"""Restrictions (walls) that a process puts on itself before it accepts its first foreign client:
-for the page, and for the publisher.
+"""Restrictions (walls) that the page's process and the publishing process set on themselves before
+they accept their first client.
 
 There are two walls, because each has gaps that the other closes. A filter of system calls
-(`stepdiag.walls.seccomp`), which every supported kernel has, removes kinds of calls: signals,
+(`stepdiag.walls.seccomp`), which every supported kernel has, forbids kinds of calls: signals,
 limits and priorities of other processes, new sockets, new processes, writing. Landlock
-(landlock(7)) limits the objects of a call: the files to read, and from its later versions on TCP,
-devices, signals and abstract sockets too. Limits on the process itself (setrlimit(2)) close the
-remaining gaps. Every wall that a kernel refuses is reported.
+(landlock(7)) limits the objects of a call: the files to read, and in later versions also TCP,
+devices, signals and abstract sockets. Limits on the process itself (setrlimit(2)) close the
+remaining gaps. The process reports every wall that the kernel refuses.
 """
 
 import ctypes
@@ -22,8 +22,7 @@ from stepdiag.walls.seccomp import shut_calls
 
 MOST_DESCRIPTORS = 1024
 """Largest number of open descriptors: three for each admitted connection
-(`stepdiag.page.connections`), and a reserve.
-"""
+(`stepdiag.page.connections`), and a reserve."""
 MOST_MEMORY = 2**30
 """Largest address space of the process in bytes, most of which is never used."""
 
@@ -35,36 +34,30 @@ _CREATE_VERSION = 1
 _RULE_BENEATH, _RULE_PORT = 1, 2
 _READ_FILE, _READ_DIR = 1 << 2, 1 << 3
 _ALL_OF_THE_DISK = (1 << 13) - 1
-"""The rights that the first version of Landlock controls: execute, write, read, list,
-remove, make.
-"""
+"""The rights that the first version of Landlock controls: execute, write, read, list, remove,
+make."""
 _MORE_OF_THE_DISK = {2: 1 << 13, 3: 1 << 14, 5: 1 << 15}
-"""The rights that later versions of Landlock control: move files between folders; truncate files;
-send commands to devices.
-"""
+"""The rights that later versions of Landlock control: moving files between folders, truncating
+files, commands to devices."""
 _BIND, _CONNECT = 1, 2
-"""Rights to bind and to connect by TCP, which Landlock controls since version 4; sockets that are
-already bound stay usable.
-"""
+"""The rights to bind and to connect by TCP, which Landlock controls since version 4; sockets that
+are already bound stay usable."""
 _SCOPES = 0b11
 """Restriction of abstract sockets of other processes and of signals to other processes, since
-version 6 of Landlock.
-"""
+version 6 of Landlock."""
 
 
 def die_with_parent() -> None:
-    """Let the kernel end this process with its parent: otherwise an orphan would hold the page's
-    address.
-    """
+    """Let the kernel end this process together with its parent: an orphan would keep the address of
+    the page."""
     _call("prctl", _PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() == 1:
         os._exit(0)
 
 
 def readable_by_program(folder: Path) -> Sequence[Path]:
-    """Return the paths that the process reads: the program, its libraries, and the folder of a
-    survey, or the future place of this folder.
-    """
+    """Return the paths that the process reads: the program, its libraries, and the present or
+    future folder of a survey."""
     libraries = [
         Path(place)
         for place in (
@@ -86,17 +79,15 @@ def readable_by_program(folder: Path) -> Sequence[Path]:
 
 def confine(readable: Iterable[Path]) -> Sequence[str]:
     """Permanently remove all rights except reading below ``readable`` and the use of open files;
-    return the rights that could not be removed.
-    """
+    return the rights that could not be removed."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
     resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
     return _walled(readable)
 
 
 def confine_publisher(readable: Iterable[Path], *, calls: int = 0) -> Sequence[str]:
-    """Remove the same rights as `confine`, except those on memory and output; with a port in
-    ``calls``, TCP to this port and the look-up of host names stay possible.
-    """
+    """Remove the same rights as `confine`, except those on memory and output. With a port in
+    ``calls``, TCP to this port and the look-up of host names stay possible."""
     return _walled(readable, calls)
 
 
@@ -125,17 +116,14 @@ OPEN = {
     "new processes": 99,
 }
 """Possible harm to other processes, each with the version of Landlock that prevents it; 99 if no
-version does.
-"""
+version does."""
 _NETWORK = {"TCP", "abstract sockets", "UDP and other sockets"}
 _BY_CALLS = OPEN.keys() - {"reading the disk and the memory of its account"}
-"""The harm that the filter of system calls prevents; for a process that calls a server, the network
-is not included.
-"""
+"""The harm that the filter of system calls prevents; for a process that calls a server, without the
+network."""
 
 
 def _shut_in(readable: Iterable[Path], calls: int) -> int:
-    """Set up Landlock; return its version, 0 if the kernel has no Landlock."""
     version = max(_call("syscall", _LANDLOCK_CREATE, None, 0, _CREATE_VERSION), 0)
     disk = _ALL_OF_THE_DISK | sum(
         right for since, right in _MORE_OF_THE_DISK.items() if version >= since
@@ -185,6 +173,6 @@ def _allow(rules: int, path: Path) -> None:
 
 def _call(function: str, *arguments: object) -> int:
     """Call a variadic function of the C library with every number as wide as a register; return -1
-    where the kernel refuses."""
+    for a refusal by the kernel."""
     wide = [ctypes.c_long(one) if isinstance(one, int) else one for one in arguments]
     return int(getattr(ctypes.CDLL(None, use_errno=True), function)(*wide))

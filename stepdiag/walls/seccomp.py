@@ -1,25 +1,25 @@
-"""A filter of system calls that a process sets on itself, permanently (seccomp(2), kernel 3.5), for
+"""A permanent filter of system calls that a process sets on itself (seccomp(2), kernel 3.5), for
 rights that Landlock does not cover.
 
-The kernel runs a small program of classic BPF before every call: the program reads the number of
-the call, the architecture and the arguments as numbers, but no memory behind them. The program here
+Before every call, the kernel runs a small program of classic BPF. The program reads the number of
+the call, the architecture and the arguments, but no memory to which an argument points. This
+program
 
-    ends a call of another architecture              numbers mean something else there
-    answers ENOSYS to calls newer than `_NEWEST`      nobody has judged them; the C library falls
-    back to older ones
-    answers ENOSYS to clone3 and openat2              their flags stand in memory; clone and openat,
-    which come instead, are judged by flags
+    ends the process at a call of another architecture, whose numbers differ
+    answers ENOSYS to calls newer than `_NEWEST`: the C library uses older calls instead
+    answers ENOSYS to clone3 and openat2, whose flags are in memory: the C library uses clone
+        and openat instead, whose flags are arguments
     answers EPERM to every call of `_NETWORK`, `_PROCESSES`, `_FILES`
-    answers EPERM to calls of `_BY_BITS` whose argument has a bit of the mask, or lacks it: opening
-    for writing, a process instead of a
-    thread, sending with a connection (MSG_FASTOPEN), a limit of another process
-    lets all others pass.
+    answers EPERM to calls of `_BY_BITS` whose argument has a bit of the mask, or lacks it:
+        opening for writing, a process instead of a thread, sending with a connection
+        (MSG_FASTOPEN), a limit of another process
+    permits all other calls.
 
 One instruction is 8 bytes: code, jump if true, jump if false, constant (struct sock_filter). The
-data (struct seccomp_data) hold the number at 0, the architecture at 4, argument k at 16 + 8k, its
-lower half first on both architectures. A process without new privileges may set the filter; TSYNC
-puts the filter on all threads. A file or socket that is already open stays in use: reading,
-accepting and answering continue.
+data (struct seccomp_data) contain the number at 0, the architecture at 4, argument k at 16 + 8k,
+with its lower half first on both architectures. A process without new privileges may set the
+filter; TSYNC sets the filter on all threads. Files and sockets that are already open stay usable:
+reading, accepting and answering continue.
 """
 
 import ctypes
@@ -31,8 +31,7 @@ from collections.abc import Mapping
 _NEWEST = 450
 _MACHINES = {"x86_64": (0, 0xC000003E, 317), "aarch64": (1, 0xC00000B7, 277)}
 """By processor: the column of the call numbers below, the audit architecture, the number of
-seccomp(2).
-"""
+seccomp(2)."""
 _NONE = -1
 
 _NETWORK = {
@@ -142,10 +141,9 @@ _FILES = {
 }
 _ABSENT = {"clone3": (435, 435), "openat2": (437, 437)}
 _FOR_WRITING, _FASTOPEN, _THREAD, _ANY_BIT = 0o1103, 0x20000000, 0x10000, 0xFFFFFFFF
-"""Bits of arguments that decide whether a call is allowed: O_WRONLY, O_RDWR, O_CREAT or O_TRUNC
-when a file is opened; MSG_FASTOPEN when data are sent; CLONE_THREAD; and any bit of a process
-number, which is 0 for the process itself.
-"""
+"""Bits of arguments that decide whether a call is permitted: O_WRONLY, O_RDWR, O_CREAT or O_TRUNC
+for opening a file; MSG_FASTOPEN for sending; CLONE_THREAD; and any bit of a process number, which
+is 0 for the process itself."""
 _BY_BITS = {
     "open": ((2, _NONE), 1, _FOR_WRITING, False),
     "openat": ((257, 56), 2, _FOR_WRITING, False),
@@ -155,8 +153,7 @@ _BY_BITS = {
     "prlimit64": ((302, 261), 0, _ANY_BIT, False),
 }
 """Calls that are decided by the bits of an argument: their numbers, the place of the argument, the
-mask, and whether a set bit allows or refuses the call.
-"""
+mask, and whether a set bit permits or refuses the call."""
 
 _LOAD, _EQUAL, _ABOVE, _BITS, _RETURN = 0x20, 0x15, 0x25, 0x45, 0x06
 _ALLOW, _ERROR, _KILL = 0x7FFF0000, 0x00050000, 0x80000000
@@ -189,9 +186,6 @@ def shut_calls(*, network: bool = False) -> bool:
 
 
 def _program(column: int, architecture: int, refused: Mapping[str, tuple[int, int]]) -> bytes:
-    """Return the filter as bytes. Each rule jumps only over its own answer, so no rule depends on
-    the number of the others.
-    """
     refuse, absent = _ERROR | errno.EPERM, _ERROR | errno.ENOSYS
     lines = [
         (_LOAD, 0, 0, 4),

@@ -101,8 +101,9 @@ def test_a_further_setup_is_offered_between_two_passes_and_taken(
         lambda: daemon.survey.publish(phase="waiting-program", recording=False, ahead=offer)
     )
     expect(page.locator("#ahead")).to_have_text(
-        "Angles of about 30 µrad. Largest gain: diagonal X−Y−Z− to X+Y+Z+ (ppp) on a line "
-        "shifted by 150 mm in z. 2.2 -> 0.9 µm, 33 min."
+        "The angular errors are about 30 µrad. The largest gain comes from diagonal X−Y−Z− to "
+        "X+Y+Z+ (ppp) on a line shifted by 150 mm in z: the error decreases from 2.2 to "
+        "0.9 µm, in 33 min."
     )
     page.locator("#language").click()
     expect(page.locator("#ahead")).to_contain_text("verschoben um 150 mm in z. 2,2 -> 0,9 µm")
@@ -214,7 +215,7 @@ def test_the_conclusion_is_words_and_open_to_everybody(
     page = watched.open(daemon.address)
     expect(page.locator("#conclusion .reached li").last).to_contain_text("(rms, k = 2)")
     expect(page.locator("#advice")).to_contain_text("Next step")
-    expect(page.locator("#result")).to_have_text("Curves and files open only with the token.")
+    expect(page.locator("#result")).to_have_text("Curves and files require the token.")
     assert ask(daemon, "GET", "/conclusion.json")[0] == 200
     for path in ("/result.json", "/downloads.json", "/download/conclusion.json"):
         assert ask(daemon, "GET", path)[0] == 403, path
@@ -253,7 +254,7 @@ def test_a_token_outlives_a_reload(watched: Watched, daemon: Served) -> None:
     expect(page.locator("#answer")).to_have_text("Done.")
     page.evaluate("sessionStorage.setItem('token', 'the one of yesterday')")
     page.reload()
-    expect(page.locator("#answer")).to_have_text("This is not the token.")
+    expect(page.locator("#answer")).to_have_text("The token is wrong.")
     expect(page.locator("#unlock")).to_be_visible()
     assert page.evaluate("sessionStorage.getItem('token')") is None
     watched.complaints = [one for one in watched.complaints if "403" not in one]
@@ -264,7 +265,7 @@ def test_a_wrong_token_opens_nothing(watched: Watched, daemon: Served) -> None:
     page = watched.open(daemon.address)
     page.locator("#token").fill("guess")
     page.locator("#unlock button").click()
-    expect(page.locator("#answer")).to_have_text("This is not the token.")
+    expect(page.locator("#answer")).to_have_text("The token is wrong.")
     assert not page.locator("#orders").is_visible()
     watched.complaints = [one for one in watched.complaints if "403" not in one]
     body = json.dumps({"name": "start", "arguments": {}}).encode()

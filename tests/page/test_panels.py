@@ -46,7 +46,7 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
     expect(page.locator("#tilt-drive")).to_contain_text("0.33 mrad (0.31 / −0.12)")
     expect(page.locator("#time-left")).to_have_text("about 10 min")
     daemon.do(daemon.survey.complete)
-    expect(page.locator("#lead")).to_have_text("Done: all passes are in")
+    expect(page.locator("#lead")).to_have_text("Done: all passes are complete")
     expect(page.locator("#advice")).to_contain_text(
         "Next step: Make the sign test on siemens"
     )
@@ -54,7 +54,7 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
         "1.3 to 2.6 µm (rms, k = 2)"
     )
     expect(page.locator("#conclusion .load")).to_contain_text(
-        "siemens: nothing before its sign test (EEC)."
+        "siemens: load nothing before the sign test of EEC."
     )
     expect(page.locator("#field figure")).to_have_count(2)
     expect(page.locator("#result figure")).to_have_count(9)

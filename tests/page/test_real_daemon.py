@@ -70,12 +70,12 @@ def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> 
             "siemens: nothing, the export was refused: siemens.toml: machine.name"
         )
         expect(page.locator("#advice")).to_have_text(
-            "Next step: Clear the reason of the refused export (siemens), then export again."
+            "Next step: Remove the cause of the refused export (siemens), then export again."
         )
         expect(page.locator("#bundles a")).to_have_count(1)
         page.locator("#language").click()
         expect(page.locator("#conclusion .load")).to_contain_text(
-            "siemens: nichts, der Export wurde abgelehnt: siemens.toml: machine.name"
+            "siemens: nichts laden, weil der Export abgelehnt wurde: siemens.toml: machine.name"
         )
         expect(page.locator("#conclusion .load")).to_contain_text("erwartet war")
         expect(page.locator("#advice")).to_have_text(

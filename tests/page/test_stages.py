@@ -105,7 +105,7 @@ RUNNING: dict[str, Any] = {"phase": "waiting-stop", "expects_stop": 6, "moving_a
         ({"phase": "failed"}, "trouble", True, "The survey cannot go on"),
         ({"phase": "paused"}, "set-up", False, "Paused"),
         ({"phase": "solving"}, "done", False, "Computing the result"),
-        ({"phase": "complete"}, "done", False, "Done: all passes are in"),
+        ({"phase": "complete"}, "done", False, "Done: all passes are complete"),
         (
             {"phase": "complete", "proof": "info"},
             "done",

@@ -1,5 +1,5 @@
-"""Air, expansion, and the assumptions about a machine where no measurement exists.
+"""The refractive index of air, the thermal expansion of the axes, and the assumed sizes of a
+machine's errors.
 
-In: temperatures, pressure, humidity. Out: refractive index, growth and their uncertainties. The
-floors daq and solver import this package.
+The floors daq and solver import this package.
 """

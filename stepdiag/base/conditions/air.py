@@ -1,9 +1,9 @@
-"""The refractive index of air and its effect on an interferometer's length.
+"""The refractive index of air and its effect on a length measured by an interferometer.
 
-Two equations of the index, both with the IAPWS saturation vapour pressure and both checked against
-the values that NIST publishes: the modified Edlen equation (Birch and Downs 1994 with the water
-term of the NIST Engineering Metrology Toolbox, Appendix A) and Ciddor (1996). They differ by less
-than 3e-8 in a machine hall.
+Both equations (modified Edlen; Ciddor 1996) use the IAPWS saturation vapour pressure. They are
+checked against the values that NIST publishes, and differ from each other by less than 3e-8 in a
+machine hall. The modified Edlen equation is that of Birch and Downs 1994 with the water term of the
+NIST Engineering Metrology Toolbox, Appendix A.
 """
 
 import enum
@@ -21,8 +21,7 @@ Vector = NDArray[np.float64]
 
 ZERO_CELSIUS_K = 273.15
 CIDDOR_CO2_PPM = 450.0
-"""The carbon dioxide content of the air, in ppm, for which NIST publishes its values of the index.
-"""
+"""Carbon dioxide content of the air in ppm for which NIST publishes values of the index."""
 
 _PLAUSIBLE = {
     "air_temperature_c": (-40.0, 100.0),
@@ -36,17 +35,17 @@ HALL = {
     "air_pressure_hpa": (600.0, 1100.0),
     "relative_humidity_percent": (0.0, 100.0),
 }
-"""Possible conditions of the air and the material in a machine hall: above the first number, up to
-the second. Registers that were never written hold 0; a pressure in kPa reads 101.
-"""
+"""Possible values of the air and the material in a machine hall: above the first number, up to the
+second. A register that was never written contains 0; a sensor that sends kPa gives 101 as the
+pressure."""
 
 
 class Done(enum.Flag):
-    """Corrections that the instrument has already made to its length; the program makes only the
-    missing corrections.
+    """The corrections that the instrument has already made to its length.
 
-    ``WAVELENGTH``: the length is divided by the present index of the air. ``DEAD_PATH``: the path
-    that was not zeroed is corrected. ``EXPANSION``: the length is reduced to 20 C of the material.
+    ``WAVELENGTH``: the length is divided by the present index of the air. ``DEAD_PATH``: the length
+    is corrected for the air in the dead path. ``EXPANSION``: the length is reduced to a material
+    temperature of 20 C.
     """
 
     NOTHING = 0
@@ -57,15 +56,14 @@ class Done(enum.Flag):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Air:
-    """The air in the beam: scalars or arrays of one shape. Refused (DataError) where a value cannot
-    be air."""
+    """The air in the beam: scalars or arrays of one shape. Raises DataError for values that are
+    impossible for air."""
 
     temperature_c: Vector
     pressure_hpa: Vector
     humidity_percent: Vector
 
     def __post_init__(self) -> None:
-        """Return an array of the values, and refuse impossible values of a sensor in air."""
         fields = zip(
             ("temperature_c", "pressure_hpa", "humidity_percent"),
             _PLAUSIBLE.items(),
@@ -85,8 +83,7 @@ class Air:
 
 
 def saturation_pressure_pa(temperature_c: ArrayLike) -> Vector:
-    """Return the saturation vapour pressure over water (IAPWS, as in the NIST toolbox, Appendix
-    A)."""
+    """Return the saturation vapour pressure over water (IAPWS; NIST toolbox, Appendix A)."""
     k1, k2, k3, k4, k5 = (
         1.16705214528e3,
         -7.24213167032e5,
@@ -112,8 +109,8 @@ def saturation_pressure_pa(temperature_c: ArrayLike) -> Vector:
 
 
 def edlen_index(air: Air, vacuum_wavelength_nm: float) -> Vector:
-    """Return the index by the modified Edlen equation (NIST toolbox, Appendix A, part II), shape of
-    ``air``."""
+    """Return the refractive index by the modified Edlen equation (NIST toolbox, Appendix A, part
+    II), shape of ``air``."""
     s = (1e3 / vacuum_wavelength_nm) ** 2
     t, p = air.temperature_c, air.pressure_hpa * 100.0
     standard = 1e-8 * (8342.54 + 2406147 / (130 - s) + 15998 / (38.9 - s))
@@ -137,7 +134,7 @@ def _ciddor_compressibility(t: Vector, p: Vector, xv: Vector) -> Vector:
 def ciddor_index(
     air: Air, vacuum_wavelength_nm: float, co2_ppm: float = CIDDOR_CO2_PPM
 ) -> Vector:
-    """Return the index by Ciddor's equation (NIST toolbox, Appendix A, part I), shape of
+    """Return the refractive index by Ciddor's equation (NIST toolbox, Appendix A, part I), shape of
     ``air``."""
     s = (1e3 / vacuum_wavelength_nm) ** 2
     t, p = air.temperature_c, air.pressure_hpa * 100.0
@@ -170,14 +167,13 @@ _EQUATIONS: dict[IndexEquation, Callable[[Air, float], Vector]] = {
 def refractive_index(
     air: Air, vacuum_wavelength_nm: float, equation: IndexEquation = "edlen"
 ) -> Vector:
-    """Return the refractive index by the named equation, shape of ``air``."""
+    """Return the refractive index by the equation of this name, shape of ``air``."""
     return _EQUATIONS[equation](air, vacuum_wavelength_nm)
 
 
 def correction_factor(index: ArrayLike, done: Done) -> Vector:
-    """Return, for each stop, the factor from the instrument's length to the length in this air,
-    shape (N,).
-    """
+    """Return, for each stop, the factor from the length that the instrument reports to the true
+    length in this air, shape (N,)."""
     n = np.asarray(index, dtype=np.float64)
     factor: Vector = np.ones_like(n) if Done.WAVELENGTH in done else 1 / n
     return factor
@@ -191,14 +187,15 @@ def displacement_mm(
     dead_path_mm: float,
     done: Done,
 ) -> Vector:
-    """Return the true displacement of the target at every stop, shape (N,).
+    """Return the true displacement of the target at every stop in mm, shape (N,).
 
-    ``reading_mm`` is relative to the pass's first stop and grows away from the laser; ``index``
-    (N,) is the refractive index of the air at each stop, ``zero_index`` the index at the first
-    stop. An instrument that counts in vacuum wavelengths reads ``n (D + L) - n0 D``. ``D`` is the
-    dead path: the distance from the interferometer to the target at the first stop, which no
-    zeroing removes (Agilent 5530 manual, "deadpath distance"). ``done`` names the corrections
-    already made by the instrument.
+    ``reading_mm`` is relative to the first stop of the pass and grows away from the laser.
+    ``index`` (N,) is the refractive index at each stop, ``zero_index`` the index at the first stop.
+    ``done`` contains the corrections that the instrument has already made.
+
+    An instrument that counts vacuum wavelengths reads ``n (D + L) - n0 D``. ``D`` is the dead path:
+    the distance from the interferometer to the target at the first stop (Agilent 5530 manual,
+    "deadpath distance").
     """
     n = np.asarray(index, dtype=np.float64)
     lengths: Vector = np.asarray(reading_mm, dtype=np.float64) * correction_factor(n, done)
@@ -215,9 +212,8 @@ Metrologia 31 (1994) 315).
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirUncertainty:
-    """Standard uncertainties (k = 1) of temperature, pressure and humidity, where the values of the
-    sensors are used as those of the air in the beam.
-    """
+    """Standard uncertainties (k = 1) of temperature, pressure and humidity of the air in the
+    beam."""
 
     temperature_c: float
     pressure_hpa: float
@@ -242,9 +238,6 @@ def index_u(air: Air, vacuum_wavelength_nm: float, u: AirUncertainty) -> Vector:
 
 
 def _sensitivity(air: Air, vacuum_wavelength_nm: float, name: str, half: float) -> Vector:
-    """Return the derivative of the refractive index by a condition of the air, from values on both
-    sides; at the ends of the condition's range, from the valid side alone.
-    """
     state = {
         field: getattr(air, field)
         for field in ("temperature_c", "pressure_hpa", "humidity_percent")

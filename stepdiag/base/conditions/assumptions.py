@@ -1,6 +1,5 @@
-"""The user's assumptions about machine, laser and hall: the ``[uncertainty]`` of the survey
-file.
-"""
+"""The assumed sizes of the errors of machine, laser and hall: section ``[uncertainty]`` of the
+survey file."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -46,43 +45,44 @@ CLASSES: Mapping[str, Mapping[str, float]] = {
         "shape_um": 20.0,
     },
 }
-"""Usual sizes of a machine's errors by class of machine, with the names of the fields of
-`Assumptions`.
-"""
+"""Usual sizes of a machine's errors by class of machine; the keys are fields of `Assumptions`."""
 
 FEEDBACKS: Mapping[str, Mapping[str, float]] = {
     "screw": {"good": 0.7, "ordinary": 1.5, "poor": 3.0},
     "scale": {"good": 0.1, "ordinary": 0.15, "poor": 0.3},
 }
-"""The assumed waves between the targets (``between_um`` of `Assumptions`) by position feedback and
-class of machine. A rotary encoder on a ball screw has waves of 1 to 3 um, once or twice a pitch; a
-linear scale has the error of its interpolation.
-"""
+"""Usual size in um of the waves between the targets, by feedback and class of machine. A rotary
+encoder on a ball screw has waves of 1 to 3 um, once or twice a pitch. A linear scale has only its
+interpolation error."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumptions:
-    """The assumed sizes of the error sources (k = 1 unless a range is named), by default those of
-    an ordinary machine with ball screws; zero switches a source off. Sizes marked * start the
-    search: the closure of the readings shows their size on this machine; any other size is used as
-    stated.
+    """The assumed sizes of the error sources (k = 1, or a range where the text names one). The
+    default values are those of an ordinary machine with ball screws; zero switches a source off.
+
+    A size marked * is only the initial value: the solver estimates the size on this machine from
+    the closure of the readings. Every other size is used unchanged.
 
     ``angles_urad`` *: range of each angular function over the travel of its axis; ``angle_urad``
-    overrides this range for single functions. ``drift_um`` *: linear drift in one pass without
-    return; ``wander_um`` *: irregular drift, summed up to the end of a pass. ``repeatability_um``
-    *: scatter of one approach of one axis to a target; 0.05 to 3 um are likely if the readings
-    determine the scatter. ``setup_c`` *: change of the machine's temperature from setup to setup.
-    ``growth_um_m`` *: growth of the axes from the first to the last reading of the survey that no
-    sensor shows. ``expansion_um_m_c``: expansion coefficient of the axes' material,
-    ``u_expansion_um_m_c`` its standard uncertainty. ``index``: relative error of the air's
-    refractive index and the laser's wavelength, the same for the whole survey; ``index_setup``:
-    unmeasured change of this error between setups. ``alignment_mrad``: largest angle of a beam to
-    mirror or travel. ``between_um``: waves of the positioning functions too short for the targets.
-    ``reading_um`` is used for a stop without its own noise. ``material_c``: temperature of the
-    axes, ``u_material_c``: its standard uncertainty. This uncertainty belongs to lengths at 20 C,
-    thus to the readings if ``reduced_to_20_c``. ``material_stated``: the user has stated the
-    temperature. ``shape_um``, ``squareness_urad``, ``scale_um_m``: usual sizes of the errors of a
-    machine of this class, used where no measurement exists.
+    replaces this range for single functions. ``drift_um`` *: linear drift in a pass without a
+    return pass. ``wander_um`` *: irregular drift at the end of a pass. ``repeatability_um`` *:
+    scatter of one approach of one axis to a target; the solver expects 0.05 to 3 um. ``setup_c`` *:
+    change of the machine's temperature from setup to setup. ``growth_um_m`` *: growth of the axes
+    during the survey that no sensor measures.
+
+    ``expansion_um_m_c``: expansion coefficient of the axes' material, ``u_expansion_um_m_c`` its
+    standard uncertainty. ``index``: relative error of the refractive index and the laser's
+    wavelength, constant over the survey; ``index_setup``: unmeasured change of this error between
+    setups. ``alignment_mrad``: largest angle between beam and mirror normal or travel.
+    ``between_um``: waves of the positioning functions that are too short for the targets.
+    ``reading_um``: noise of a stop for which the log contains no noise.
+
+    ``material_c``: temperature of the axes, ``u_material_c`` its standard uncertainty, which
+    applies to lengths at 20 C (to the readings if ``reduced_to_20_c``). ``material_stated``: the
+    survey file contains the temperature. ``shape_um``, ``squareness_urad``, ``scale_um_m``: usual
+    sizes of the errors of a machine of this class, used for errors that the survey does not
+    measure.
     """
 
     angles_urad: float = 15.0
@@ -108,9 +108,8 @@ class Assumptions:
     scale_um_m: float = 20.0
 
     def u_grown_um_m(self) -> Vector:
-        """Return, for each axis, the uncertainty of the difference between its length and its
-        length at 20 C, in um/m, shape (3,).
-        """
+        """Return, for each axis, the uncertainty of the difference between its present length and
+        its length at 20 C, in um/m, shape (3,)."""
         excess_c = np.array(self.material_c) - REFERENCE_TEMPERATURE_C
         u: Vector = np.hypot(
             np.array(self.expansion_um_m_c) * self.u_material_c,
@@ -119,20 +118,18 @@ class Assumptions:
         return u
 
     def stated(self) -> Assumed:
-        """Return the assumed sizes in the form stored in a result; relative sizes in ppm, since
-        2e-7 would be zero in the six decimals of a result.
-        """
+        """Return the assumed sizes in the form stored in a result. Relative sizes are in ppm,
+        because six decimals round 2e-7 to zero."""
         sizes = asdict(self)
         index, index_setup = (1e6 * sizes.pop(name) for name in ("index", "index_setup"))
         return Assumed(index_ppm=index, index_setup_ppm=index_setup, **sizes)
 
     def angle_range_urad(self, name: str) -> float:
-        """Return the assumed range of an angular function over the travel of its axis, in urad."""
+        """Return the assumed range of an angular function over the travel of its axis in urad."""
         return self.angle_urad.get(name, self.angles_urad)
 
 
 def usual_sizes(machine: str = "ordinary", feedback: str = "screw") -> dict[str, float]:
-    """Return the usual sizes of the errors of a machine, by its class and its position feedback,
-    with the names of the fields of `Assumptions`.
-    """
+    """Return the usual sizes of the errors of a machine by its class and feedback; the keys are
+    fields of `Assumptions`."""
     return {**CLASSES[machine], "between_um": FEEDBACKS[feedback][machine]}

@@ -1,9 +1,8 @@
-"""Hidden folders beside the targets: a file is completed there before it gets its name, and an
-interrupted writer leaves no remains that accumulate.
+"""Hidden folders for writing. A file is completed in a hidden folder beside its target and then
+renamed to the target.
 
-Every writer that replaces or creates a file goes through `part_of`: its hidden folder stands beside
-the target, is locked while its writer lives, and is removed by the next writer of the same target
-after its own writer's death.
+The hidden folder is locked while its writer runs. If a writer dies, the next writer of the same
+target removes the abandoned folder.
 """
 
 import os
@@ -21,9 +20,8 @@ SUFFIX = ".part"
 
 @contextmanager
 def part_of(target: Path) -> Iterator[Path]:
-    """Yield a new hidden folder beside ``target`` for writing; at the end it is removed with all
-    its contents. Raises OSError.
-    """
+    """Yield a new hidden folder beside ``target``; the folder and its contents are removed at the
+    end. Raises OSError."""
     for left in _of_target(target):
         _remove_abandoned(left)
     part, handle = _held_folder(target)
@@ -37,9 +35,8 @@ def part_of(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def folder_made(folder: Path) -> Iterator[None]:
-    """Make a folder with its parents for the enclosed work; after a failure, the folders made are
-    removed. Raises OSError.
-    """
+    """Make a folder and its parents. If the enclosed work fails, the new folders are removed.
+    Raises OSError."""
     with undone_on_failure() as undo:
         for missing in reversed(
             [each for each in (folder, *folder.parents) if not each.exists()]
@@ -51,16 +48,14 @@ def folder_made(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def undone_on_failure() -> Iterator[ExitStack]:
-    """Yield a list to which the enclosed work adds undo steps; they are executed if the work
-    fails.
-    """
+    """Yield a list of undo steps, which are executed if the enclosed work fails."""
     with ExitStack() as undo:
         yield undo
         undo.pop_all()
 
 
 def write_through(path: Path, data: bytes) -> None:
-    """Write a new file, readable by everybody, and sync it to the disk. Raises OSError."""
+    """Write a new file, readable by every account, and sync it to the disk. Raises OSError."""
     with path.open("xb") as file:
         file.write(data)
         file.flush()
@@ -70,9 +65,8 @@ def write_through(path: Path, data: bytes) -> None:
 
 
 def publish_new(written: Path, target: Path) -> None:
-    """Rename a written file to a free name. Raises FileExistsError where the name is taken, OSError
-    for an error of the disk.
-    """
+    """Rename a written file to a free name. Raises FileExistsError for an existing file, OSError
+    for an error of the disk."""
     try:
         target.hardlink_to(written)
     except FileExistsError:
@@ -83,7 +77,6 @@ def publish_new(written: Path, target: Path) -> None:
 
 
 def _of_target(target: Path) -> list[Path]:
-    """Return the hidden folders beside a target, of all its writers."""
     name = re.compile(re.escape(f".{target.name}.") + "[a-z0-9_]{8}" + re.escape(SUFFIX))
     with suppress(OSError), os.scandir(target.parent) as entries:
         return [
@@ -95,9 +88,6 @@ def _of_target(target: Path) -> list[Path]:
 
 
 def _remove_abandoned(part: Path) -> None:
-    """Remove a hidden folder that is not locked; without locks in the file system, or if another
-    process removes the folder, nothing is done.
-    """
     with suppress(OSError):
         handle = open_folder(part)
         try:
@@ -108,9 +98,6 @@ def _remove_abandoned(part: Path) -> None:
 
 
 def _held_folder(target: Path) -> tuple[Path, int | None]:
-    """Return a new hidden folder and the handle that keeps it locked; if another writer has
-    meanwhile removed the folder as abandoned, the folder is made again.
-    """
     while True:
         part = Path(
             tempfile.mkdtemp(prefix=f".{target.name}.", suffix=SUFFIX, dir=target.parent)
@@ -125,9 +112,8 @@ def _held_folder(target: Path) -> tuple[Path, int | None]:
 
 
 def _locked(handle: int) -> bool:
-    """Lock a folder; return whether this writer has the lock. On a file system without locks, no
-    hidden folder is ever removed.
-    """
+    """Lock a folder; return False if another process has the lock. A file system without locks
+    gives True: no process removes a hidden folder there."""
     try:
         lock(handle)
     except BlockingIOError:

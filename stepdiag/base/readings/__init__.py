@@ -1,5 +1,4 @@
-"""The table of readings, by which all measured data enter the solver, and the runs of a plan.
+"""The table of readings, which is the input of the solver, and the plan of a survey.
 
-In: CSV text or rows. Out: checked readings, the stretches of unbroken laser count, and the travel.
 The floors daq and solver import this package.
 """

@@ -1,4 +1,4 @@
-"""The table of readings, one row a stop, and its CSV form (contract 4)."""
+"""The table of readings, one row per stop, and its CSV form (contract 4)."""
 
 import io
 import math
@@ -17,47 +17,40 @@ from stepdiag.base.volume import Vector, reads_like_metres
 
 REQUIRED = ("setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "reading_mm")
 MOST_READINGS = 300_000
-"""Largest number of rows in a table of readings: two hundred setups of the largest volume, out and
-back. Each row takes a kilobyte.
-"""
+"""Largest number of rows in a table of readings: 200 setups of the largest volume, out and back. A
+row needs a kilobyte of memory."""
 OPTIONAL = ("u_um", "temperature_c", "time_s")
 ZERO = "zero"
 AT_20_C = "at_20_c"
-"""Column of a table of readings: 1 for a reading that was already reduced from ``temperature_c`` to
-20 C; 0 or empty for a reading as measured.
-"""
+"""Column of a table of readings: 1 for a reading that is already reduced from ``temperature_c`` to
+20 C, otherwise 0 or empty."""
 TURNED = "turned"
-"""Column of a table of readings: 1 at the first stop of a pass if its reading is the last reading
-of the previous pass, because the machine reversed there.
-"""
+"""Column of a table of readings: 1 at the first stop of a pass if the machine reversed there, so
+that the reading is the last reading of the previous pass."""
 NO_ZERO = -1
-"""Entry of the column ``zero`` for a reading that shares its zero with no other pass: the reading
-is relative to the first stop of its pass.
-"""
+"""Value of the column ``zero`` for a pass with its own zero: each reading is relative to the first
+stop of its pass."""
 BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
 MOST_MISSING = 0.1
 """Largest share of missing stops with which a pass can still be solved."""
 
 
 class PassKey(NamedTuple):
-    """The key of a pass: its setup and its number."""
-
     setup: str
     number: int
 
     @property
     def outward(self) -> bool:
-        """Return whether the pass goes outward (odd) or returns (even)."""
+        """Return whether the pass is an outward pass (odd number)."""
         return self.number % 2 == 1
 
     @property
     def place(self) -> str:
-        """Return the pass as a person writes it: ``ppp/1``."""
+        """Return the pass as a short text: ``ppp/1``."""
         return f"{self.setup}/{self.number}"
 
     @property
     def words(self) -> Message:
-        """Return the pass as a message for a person."""
         return message("pass-of-setup", setup=self.setup, number=self.number)
 
     def __str__(self) -> str:
@@ -66,16 +59,16 @@ class PassKey(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Readings:
-    """Readings as columns of equal length N, a row per stop.
+    """Readings as columns of equal length N, one row per stop.
 
-    ``zero`` numbers the stretches of unbroken laser count: readings of a setup with the same
-    ``zero`` share an origin and are relative to its first row; with `NO_ZERO` they are relative to
-    the pass's first stop. ``u_um`` (standard uncertainty of the reading), ``temperature_c``
-    (material) and ``time_s`` are NaN where unknown. ``beam_mm`` (N, 3) is a point of the beam line
-    in machine coordinates, NaN where the beam runs through the pass's first commanded position.
-    ``at_20_c`` states for every reading whether it was already reduced to 20 C, ``turned`` whether
-    it is the last reading of the previous pass: every axis then reached the stop from the other
-    side, and stays on that side until it moves.
+    ``zero`` is the number of a stretch of unbroken laser count: readings of a setup with the same
+    ``zero`` are relative to the first row of the stretch. With `NO_ZERO`, readings are relative to
+    the first stop of their pass. ``u_um`` (standard uncertainty of the reading), ``temperature_c``
+    (material) and ``time_s`` are NaN if unknown. ``beam_mm`` (N, 3) is a point of the beam line in
+    machine coordinates, NaN if the beam runs through the first commanded position of the pass.
+    ``at_20_c`` is true for a reading that is already reduced to 20 C. ``turned`` is true for a
+    reading that is also the last reading of the previous pass: the axes then reached the stop from
+    the other side, and stay on this side until they move.
     """
 
     setup: tuple[str, ...]
@@ -95,7 +88,7 @@ class Readings:
         return len(self.setup)
 
     def passes(self) -> dict[PassKey, NDArray[np.int64]]:
-        """Return the rows of every pass in the order of its stops; passes in the order of
+        """Return the rows of every pass in the order of its stops. The passes are in the order of
         `SETUP_NAMES`, then by number.
 
         Raises ``UsageError`` for an unknown setup name.
@@ -117,7 +110,6 @@ class Readings:
         }
 
     def select(self, rows: NDArray[np.int64] | Sequence[int]) -> "Readings":
-        """Return the readings of these rows, in this order."""
         index = np.asarray(rows, dtype=np.int64)
         return Readings(
             setup=tuple(self.setup[row] for row in index.tolist()),
@@ -150,9 +142,8 @@ def make_readings(  # noqa: PLR0913 - one argument a column
     at_20_c: Sequence[bool] | NDArray[np.bool_] | None = None,
     turned: Sequence[bool] | NDArray[np.bool_] | None = None,
 ) -> Readings:
-    """Return readings from columns; omitted columns are NaN, `NO_ZERO`, or as measured. Raises
-    ``ValueError`` where the lengths differ.
-    """
+    """Return readings from columns. Omitted columns are NaN, `NO_ZERO`, or as measured. Raises
+    ``ValueError`` for columns of different lengths."""
     count = len(setup)
     return Readings(
         setup=tuple(setup),
@@ -195,10 +186,10 @@ def _column(values: Sequence[float] | Vector | None, count: int) -> Vector:
 def parse_readings(text: str, source: str = "readings.csv") -> Readings:
     """Return the readings of a CSV (contract 4), rows sorted by setup, pass and stop.
 
-    A byte order mark, CRLF, blank lines and lines that begin with ``#`` are accepted, further
-    columns are ignored, ``diagonal`` is accepted for ``setup``, and without a ``pass`` column every
-    row belongs to pass 1. The beam line may be given in ``beam_x_mm, beam_y_mm, beam_z_mm``. Raises
-    ``DataError`` that names the line, or setup, pass and stop.
+    The reader accepts a byte order mark, CRLF, blank lines, comment lines (``#``) and further
+    columns. The column ``diagonal`` is accepted for ``setup``. Without a ``pass`` column, every row
+    belongs to pass 1. The columns ``beam_x_mm, beam_y_mm, beam_z_mm`` are the beam line. Raises
+    ``DataError`` with the line, or with setup, pass and stop.
     """
     required = [name for name in REQUIRED if name != "pass"]
     rows = [
@@ -228,9 +219,8 @@ def parse_readings(text: str, source: str = "readings.csv") -> Readings:
 
 
 def in_mm(readings: Readings, source: str) -> Readings:
-    """Return readings from another source unchanged. Raises ``DataError`` for a volume so small
-    that its unit must be metres.
-    """
+    """Return readings from another program unchanged. Raises ``DataError`` for a volume so small
+    that its unit must be metres."""
     size_mm = np.ptp(readings.position_mm, axis=0)
     if reads_like_metres(size_mm.tolist()):
         found = " x ".join(f"{each:g}" for each in size_mm)
@@ -245,8 +235,6 @@ def in_mm(readings: Readings, source: str) -> Readings:
 
 
 class _Row(NamedTuple):
-    """One line of the file, checked."""
-
     setup: str
     pass_number: int
     stop: int
@@ -313,7 +301,6 @@ def _setup_name(name: str, where: str) -> str:
 def _refuse_gaps(
     readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str
 ) -> None:
-    """Refuse a repeated stop, and a pass without its first stop or with too many missing stops."""
     for key, rows in passes.items():
         stops = readings.stop[rows]
         where = f"{source}: {key}"
@@ -351,9 +338,8 @@ def missing_stops(stops: NDArray[np.int64]) -> NDArray[np.int64]:
 def _refuse_half_zeros(
     readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str
 ) -> None:
-    """Refuse a pass of whose stops only a part belongs to a stretch of the count: the reference of
-    the other stops is unknown.
-    """
+    """Refuse a pass with only some of its stops in a stretch of unbroken laser count: the origin of
+    the other readings is unknown."""
     for key, rows in passes.items():
         without = readings.zero[rows] == NO_ZERO
         if without.any() and not without.all():
@@ -365,10 +351,10 @@ def _refuse_half_zeros(
 
 
 def render_readings(readings: Readings) -> str:
-    """Return the CSV of contract 4: empty columns are left out, LF line ends, same bytes for the
-    same readings.
+    """Return the CSV of contract 4 without its empty columns, LF line ends. The same readings give
+    the same bytes.
 
-    Positions are written to 0.1 nm, readings to a picometre, the rest to six decimals.
+    Positions are written to 0.1 nm, readings to 1 pm, all other numbers to six decimals.
     """
     optional = {
         name: getattr(readings, name)
@@ -414,7 +400,6 @@ def _ordered_rows(readings: Readings) -> Iterator[int]:
 
 
 def _decimal(value: float, places: int) -> str:
-    """Return a number without trailing zeros or a negative zero; empty for NaN."""
     if math.isnan(value):
         return ""
     text = f"{value:.{places}f}".rstrip("0").rstrip(".")

@@ -1,10 +1,8 @@
-"""Renishaw ``.rtl``: linear runs of a laser in the format of the maker's programs, read and
-written.
+"""Reading and writing of Renishaw ``.rtl`` files (linear runs of a laser).
 
-The format is not published; the known facts come from four independent public readers and writers
-that agree (docs/lasers.md). So the reader accepts sections, keys and white space in any order. It
-requires every target once in every run, and refuses numbers outside these. The files written here
-are for those public readers.
+Renishaw does not publish the format. The known facts come from four independent public readers and
+writers that agree (docs/lasers.md). The reader therefore accepts sections, keys and white space in
+any order, and refuses a file unless each run contains every target once.
 """
 
 import re
@@ -22,9 +20,7 @@ from stepdiag.base.volume import Vector
 MOST_TARGETS = 20_000
 MOST_RUNS = 200
 LARGEST_DEVIATION_UM = 1e5
-"""Largest magnitude of a deviation: a tenth of a metre. A larger number has another unit, or is an
-angle.
-"""
+"""Largest magnitude of a deviation: 100 mm. A larger number has another unit or is an angle."""
 _SECTION = re.compile(r"\s*(?P<name>[A-Z][A-Z -]*)::\s*\Z", re.IGNORECASE)
 _PAIR = re.compile(r"\s*(?P<key>[^:]{1,60}?)\s*:\s*(?P<value>.*?)\s*\Z")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?")
@@ -34,11 +30,11 @@ _A_LINE = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rtl:
-    """The content of a file: targets (k,) in mm, deviations (runs, k) in um by target, odd runs
-    (first, third ...) outward, even ones back.
+    """The content of a file: targets (k,) in mm, deviations (runs, k) in um. Odd runs go outward,
+    even runs back.
 
-    ``texts`` are the keys of the file, in lower case, with their values; a repeated key has its
-    first value.
+    ``texts`` are the keys of the file in lower case with their values; of a repeated key the first
+    value is used.
     """
 
     targets_mm: Vector
@@ -48,7 +44,7 @@ class Rtl:
 
     @property
     def axis(self) -> str:
-        """Return the axis named by the file: x, y, z; empty without an axis."""
+        """Return the axis named in the file (x, y, z); empty if the file names no axis."""
         named = (
             self.texts.get("axis", "")
             .strip()
@@ -61,9 +57,8 @@ class Rtl:
 
 
 def parse_rtl(text: str, source: str) -> Rtl:
-    """Return the content of a file. Raises DataError where a section or a value is missing,
-    repeated or not a length.
-    """
+    """Return the content of a file. Raises DataError for a section or value that is missing,
+    repeated or not a length."""
     sections = _sections(text, source)
     texts: dict[str, str] = {}
     for lines in sections.values():
@@ -134,7 +129,8 @@ def _sections(text: str, source: str) -> dict[str, list[str]]:
 
 
 def _refuse_other_kinds(texts: Mapping[str, str], source: str) -> None:
-    """Raise DataError for files of angles and other quantities, whose units are unknown."""
+    """Raise DataError for files of angles and other quantities: the public sources do not contain
+    their units."""
     for key in ("file type", "filetype", "title", "measurement", "measurement type"):
         text = texts.get(key, "").lower()
         if key != "title" and any(word in text for word in _OTHER):
@@ -208,7 +204,6 @@ def _targets(
 def _deviation_lines(
     sections: Mapping[str, list[str]], source: str
 ) -> Iterator[tuple[int, str]]:
-    """Yield the lines of the section of deviations, with their line numbers."""
     number = 0
     for line in sections["DEVIATIONS"]:
         if not line.strip() or not re.match(r"\s*[-+0-9.]", line):
@@ -249,9 +244,8 @@ def _bounded_number(word: str, where: str) -> float:
 
 
 def _both_ways(texts: Mapping[str, str], runs: int) -> bool:
-    """Return whether runs with even numbers go back: by the flags (0 1 2 0: one way only); without
-    flags if there are two runs.
-    """
+    """Return whether even runs go back. The flags of the file decide (0 1 2 0: one way only);
+    without flags, a file with two runs has one in each direction."""
     flags = texts.get("flags", "").split()
     return flags[:4] != ["0", "1", "2", "0"] if len(flags) >= 4 else runs > 1
 
@@ -259,11 +253,12 @@ def _both_ways(texts: Mapping[str, str], runs: int) -> bool:
 def rtl_readings(
     file: Rtl, setup: str, at_mm: Sequence[float], source: str
 ) -> tuple[list[tuple[int, int, tuple[float, ...], float]], str]:
-    """Return the rows (pass, stop, position, reading in mm) of a linear run, and the setup's name.
+    """Return the rows (pass, stop, position, reading in mm) of a linear run, and the name of its
+    setup.
 
-    ``setup`` names the axis if the file does not (``linear-x``), ``at_mm`` (3,) is a point of the
-    measured line; its coordinate along the axis has no effect. Raises UsageError where the axis is
-    unknown, or differs from the axis in the file.
+    ``setup`` (``linear-x``) is required if the file names no axis. ``at_mm`` (3,) is a point of the
+    measured line; its coordinate along the axis has no effect. Raises UsageError for an unknown
+    axis or an axis that differs from the file.
     """
     axis = setup.removeprefix("linear-") if setup else file.axis
     if not axis or (file.axis and file.axis != axis):
@@ -301,9 +296,8 @@ def with_runs(
     runs: Sequence[tuple[str, list[tuple[int, int, tuple[float, ...], float]]]],
     source: str,
 ) -> Readings:
-    """Return readings with linear runs added. Raises UsageError where a setup already exists or
-    lies outside the volume.
-    """
+    """Return readings with linear runs added. Raises UsageError for an existing setup or a run
+    outside the volume."""
     from stepdiag.base.readings.readings import make_readings
 
     low, high = readings.position_mm.min(axis=0), readings.position_mm.max(axis=0)
@@ -344,10 +338,10 @@ def with_runs(
 
 
 def render_rtl(readings: Readings, setup: str, texts: Mapping[str, str]) -> str:
-    """Return the text of an .rtl file with the passes of a linear run, line ends CRLF, for the
-    maker's programs. ``texts`` go into USER-TEXT.
+    """Return the text of an .rtl file with the passes of a linear run, line ends CRLF. ``texts``
+    are written into USER-TEXT.
 
-    Raises DataError where the passes do not visit the same targets.
+    Raises DataError for passes with different targets.
     """
     index = "xyz".index(setup[-1])
     passes = {

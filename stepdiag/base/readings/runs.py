@@ -1,4 +1,4 @@
-"""The plan of a survey: its runs, their stops and their minutes."""
+"""The plan of a survey: its runs, their stops and their duration in minutes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,15 +16,14 @@ from stepdiag.base.volume import Vector, Volume, irregular_mm, nodes_to_mm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """A run of a survey: its setup, the number of its passes out (and back), and its line of
-    measurement.
+    """A run of a survey: its setup, the number of its passes out (and back), and its measured line.
 
-    ``beam_offset_mm``: distance of the run's line from the usual line of the setup. An axis that
-    stands still is at this distance from its low end; across the moving axes, the beam is shifted
-    by this distance. ``axis_orders``: the orders in which a step diagonal moves its axes, one after
-    another for the repeats; if empty, the order of the plan. ``alternate``: whether different
-    setups begin with different orders. ``targets``: for a linear run, the approximate number of its
-    irregular targets (`irregular_mm`); with 0 the targets are the nodes.
+    ``beam_offset_mm``: distance of the measured line from the usual line of the setup. Along a
+    standing axis it is the distance from the low end of the axis; across the moving axes it is the
+    shift of the beam. ``axis_orders``: the orders in which a step diagonal moves its axes, one for
+    each repeat in turn; if empty, the order of the plan is used. ``alternate``: different setups
+    begin with different orders. ``targets``: approximate number of irregular targets
+    (`irregular_mm`) of a linear run; with 0 the targets are the nodes.
     """
 
     setup: str
@@ -37,7 +36,6 @@ class Run:
 
     @property
     def is_fourdof(self) -> bool:
-        """Return whether the four-degree-of-freedom head makes this run."""
         return self.travel.is_fourdof
 
     @property
@@ -47,7 +45,7 @@ class Run:
 
     @property
     def orders(self) -> tuple[str, ...]:
-        """Return the stated orders of axes, beginning with the order of the run's first repeat."""
+        """Return the axis orders of the run, beginning with the order of its first repeat."""
         if not self.alternate or self.travel.kind not in ("step", "face"):
             return self.axis_orders
         # the name of the setup gives the first order: a further setup in the plan leaves the orders
@@ -57,25 +55,23 @@ class Run:
 
     @property
     def driven_orders(self) -> tuple[str, ...]:
-        """Return the stated orders of axes that the repeats of the run use, without duplicates;
-        none if a single axis moves.
-        """
+        """Return the axis orders that the repeats of the run use, without duplicates; empty for a
+        run along one axis."""
         several = self.travel.kind in ("step", "face")
         return tuple(dict.fromkeys(self.orders[: self.repeats])) if several else ()
 
     @property
     def pass_numbers(self) -> range:
-        """Return the numbers of the run's passes: odd outward, even back."""
         return range(1, 2 * self.repeats + 1, 1 if self.return_pass else 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """The pace of a survey. ``diagonal_setup_min`` and the like: minutes to place and align the
-    optics for a setup of a kind; ``beam_shift_min``: minutes to move the beam to another line of
-    the same setup.
+    """Durations in minutes of the parts of a survey. ``diagonal_setup_min`` and similar fields:
+    placing and aligning the optics for a setup of this kind. ``beam_shift_min``: moving the beam to
+    another line of the same setup.
 
-    The published four diagonals of 1 m^3 take 2 to 4 hours, nearly all of this time for setting up.
+    The four published diagonals of 1 m^3 take 2 to 4 hours, nearly all of it for setting up.
     """
 
     feed_mm_min: float = 2000.0
@@ -89,9 +85,7 @@ class Pace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """A plan: the runs of a survey in a volume. Step diagonals move their axes in
-    ``axis_order``.
-    """
+    """The runs of a survey in a volume. Step diagonals move their axes in ``axis_order``."""
 
     volume: Volume
     runs: tuple[Run, ...]
@@ -99,7 +93,7 @@ class Plan:
     pace: Pace = Pace()
 
     def with_runs(self, *added: Run) -> "Plan":
-        """Return the plan with further runs; a second run of a setup gets the next free number
+        """Return the plan with further runs. A second run of a setup gets the next free number
         (``ppp+1``)."""
         runs = list(self.runs)
         for run in added:
@@ -109,15 +103,13 @@ class Plan:
         return replace(self, runs=tuple(runs))
 
     def run_of(self, setup: str) -> Run:
-        """Return the run of a setup; for a setup that is not in the plan, a run along its usual
-        line. Raises ``UsageError`` for an invalid name.
-        """
+        """Return the run of a setup; for a setup outside the plan, a run along its usual line.
+        Raises ``UsageError`` for an invalid name."""
         return next((run for run in self.runs if run.setup == setup), Run(setup=setup))
 
 
 def run_stops_mm(plan: Plan, run: Run, number: int = 1) -> Vector:
-    """Return the commanded positions of a pass of a run in the order of travel, shape (stops,
-    3)."""
+    """Return the commanded positions of a pass in the order of travel, shape (stops, 3)."""
     setup, order = run.travel, order_of(plan, run, number)
     signs, size = np.array(setup.signs), np.array(plan.volume.size_mm)
     if run.targets and setup.kind == "linear":
@@ -132,9 +124,8 @@ def run_stops_mm(plan: Plan, run: Run, number: int = 1) -> Vector:
 
 
 def order_of(plan: Plan, run: Run, number: int) -> str:
-    """Return the order in which a pass moves the axes; a way out and the way back after it have the
-    same order.
-    """
+    """Return the order in which a pass moves the axes. An outward pass and the back pass after it
+    have the same order."""
     orders = run.orders or (plan.axis_order,)
     return orders[(number - 1) // 2 % len(orders)]
 
@@ -151,8 +142,8 @@ def _nodes(n: int, setup: Setup, order: str) -> NDArray[np.int64]:
 
 
 def run_minutes(plan: Plan, run: Run) -> float:
-    """Return the minutes of a run: setting up, travel at feed, a dwell at each stop, the overrun at
-    both ends of a pass."""
+    """Return the minutes of a run: setting up, travel at feed, dwells, and the overrun at both ends
+    of a pass."""
     pace = plan.pace
     stops = run_stops_mm(plan, run)
     travel_mm = (
@@ -166,9 +157,8 @@ def run_minutes(plan: Plan, run: Run) -> float:
 
 
 def setup_minutes(plan: Plan, run: Run) -> float:
-    """Return the minutes to set up a run: a setup that is already in place needs no new alignment
-    on another line.
-    """
+    """Return the minutes for setting up a run. A shift of the beam to another line of the same
+    setup needs no new alignment."""
     pace, setup = plan.pace, run.travel
     before = plan.runs[: plan.runs.index(run)] if run in plan.runs else plan.runs
     if any(other.travel.base == setup.base for other in before):
@@ -179,14 +169,13 @@ def setup_minutes(plan: Plan, run: Run) -> float:
 
 
 def plan_minutes(plan: Plan) -> float:
-    """Return the minutes of the whole survey."""
     return sum(run_minutes(plan, run) for run in plan.runs)
 
 
 def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
-    """Return the readings of a perfect machine: a forecast needs only the places of the stops.
+    """Return the readings of a perfect machine; a forecast depends only on the places of the stops.
 
-    Raises ``UsageError`` for a plan without a single run of the laser.
+    Raises ``UsageError`` for a plan without a run of the laser.
     """
     laser = [run for run in plan.runs if not run.is_fourdof]
     if not laser:
@@ -213,9 +202,8 @@ def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
 
 
 def beam_mm(plan: Plan, run: Run) -> Vector:
-    """Return a point of the beam line of a run, shape (3,): the place of its first stop on the
-    usual line, shifted by the offset of the beam.
-    """
+    """Return a point of the beam line of a run, shape (3,): its first stop on the usual line,
+    shifted by the offset of the beam."""
     usual = run_stops_mm(plan, replace(run, beam_offset_mm=(0.0, 0.0, 0.0)))[0]
     beam: Vector = usual + np.array(run.beam_offset_mm)
     return beam

@@ -1,11 +1,10 @@
-"""The targets of the machine's stops: one rule of rounding gives each reported position its target.
+"""The target of each position that the machine reports.
 
-A register holds a commanded position with few decimals, or the position of an encoder with a
-scatter of micrometres. Both differ from the target, and the reading differs by the same amount. So
-a stop gets the coordinates of its target, and its deviation counts from the reported position
-(`solver.model.layout`). All further columns of the model depend on targets only: the directions
-that the readings determine then follow from whole numbers of increments, and no scatter of
-positions makes an undetermined direction appear determined.
+A position register contains a commanded position with few decimals, or an encoder position with a
+scatter of micrometres. Reported position and reading differ from the target by the same amount. So
+the model uses the coordinates of the target, and the deviation refers to the reported position
+(`solver.model.layout`). All other columns of the model depend on targets alone: the scatter of
+positions cannot make an undetermined quantity appear determined.
 """
 
 import numpy as np
@@ -14,19 +13,18 @@ from numpy.typing import NDArray
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector, Volume
 
 EDGE_TOLERANCE_MM = 0.005
-"""Largest distance in mm over which an edge of the box is rounded to a multiple of 0.1 mm: a
-drawing has few decimals, and a register flickers. If a whole number of millimetres is within the
-scatter of the stops, the edge is rounded to it.
-"""
+"""Largest distance in mm over which an edge of the box is rounded to a multiple of 0.1 mm: drawings
+have few decimals, and registers scatter. If a whole millimetre is within the scatter of the stops,
+the edge is rounded to it."""
 
 
 def snapped_mm(
     volume: Volume, position_mm: Vector, tolerance_mm: Vector | None = None
 ) -> Vector:
-    """Return the target of each reported position, shape (m, 3): a node, or without a near node the
-    mean of the positions there.
+    """Return the target of each reported position, shape (m, 3): the nearest node, or the mean of
+    the reported positions at this place if no node is near.
 
-    ``tolerance_mm`` (3,) is the largest distance of a stop from its target, by default from the
+    ``tolerance_mm`` (3,) is the largest distance of a stop from its target, by default that of the
     volume.
     """
     snapped = position_mm.copy()
@@ -49,9 +47,8 @@ def snapped_mm(
 
 
 def _clustered(position_mm: Vector, near_mm: float) -> Vector:
-    """Return, for each position, the mean of its cluster, shape (k,). A gap wider than the
-    tolerance separates two clusters, and thus two targets.
-    """
+    """Return, for each position, the mean of its cluster, shape (k,). Two clusters are separated by
+    a gap wider than the tolerance."""
     if not len(position_mm):
         return position_mm
     order = np.argsort(position_mm, kind="stable")
@@ -67,8 +64,7 @@ def _clustered(position_mm: Vector, near_mm: float) -> Vector:
 
 def shared_mm(volume: Volume, axis: int, position_mm: Vector, target_mm: Vector) -> Vector:
     """Return the target of each position along an axis, shape (k,): a near entry of ``target_mm``,
-    else the mean of the cluster by `snapped_mm`.
-    """
+    otherwise the mean of the cluster (`snapped_mm`)."""
     known = np.unique(np.concatenate([target_mm, volume.nodes_mm(axis)]))
     place = np.clip(np.searchsorted(known, position_mm), 1, len(known) - 1)
     below, above = known[place - 1], known[place]
@@ -79,13 +75,12 @@ def shared_mm(volume: Volume, axis: int, position_mm: Vector, target_mm: Vector)
 
 
 def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, float]:
-    """Return low and high edge of the box along an axis, from positions (k,) that include both
-    edges.
+    """Return the low and the high edge of the box along an axis, from positions (k,) that include
+    both edges.
 
-    ``steps`` (k,) is the number of equal steps from edge to edge in the pass of each position. All
-    stops together give the edges, because the single stop at a corner may scatter. For positions
-    without equal steps, the edges are the extremes; the check of the passes then names the wrong
-    stop.
+    ``steps`` (k,) is the number of equal steps from edge to edge in the pass of each position. The
+    edges are fitted to all stops, because the stop at a corner scatters. If the positions are not
+    equally spaced, the edges are their extremes.
     """
     low, high = float(np.min(position_mm)), float(np.max(position_mm))
     if high - low <= 2.0 * POSITION_TOLERANCE_MM:
@@ -103,9 +98,8 @@ def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, floa
 
 
 def _rounded(edge_mm: float, slack_mm: float) -> float:
-    """Return an edge of the box, rounded: to the whole number of mm within ``slack_mm``, else to
-    the multiple of 0.1 mm within it, else unchanged.
-    """
+    """Return an edge of the box, rounded to the whole mm within ``slack_mm``, otherwise to the
+    multiple of 0.1 mm within it, otherwise unchanged."""
     for decimals in (0, 1):
         if abs(round(edge_mm, decimals) - edge_mm) <= slack_mm:
             return round(edge_mm, decimals) + 0.0
@@ -115,12 +109,11 @@ def _rounded(edge_mm: float, slack_mm: float) -> float:
 def arrivals(
     position_mm: Vector, pass_index: NDArray[np.int64], turned: NDArray[np.bool_]
 ) -> NDArray[np.int64]:
-    """Return the move that brought each axis to its target, numbered over the survey, -1 for an
-    axis that stands in its pass, shape (m, 3).
+    """Return the number of the move that brought each axis to its target, counted over the survey,
+    -1 for an axis that does not move in its pass, shape (m, 3).
 
-    An axis that stands keeps its place (`solver.adjustment.scatter`). A pass begins with a new
-    arrival, unless the machine ``turned`` at its first stop: then the last arrival of the previous
-    pass is used.
+    A pass begins with a new arrival, unless the machine reversed at its first stop (``turned``):
+    the arrival is then that of the previous pass.
     """
     first = np.diff(pass_index, prepend=-1) != 0
     moved = np.diff(position_mm, axis=0, prepend=np.nan) != 0

@@ -1,6 +1,4 @@
-"""Checks whether a pass follows its setup and whether the laser agrees with the travel; their error
-messages name the stop.
-"""
+"""Checks whether a pass follows its setup and whether the laser agrees with the travel."""
 
 from collections.abc import Mapping
 
@@ -14,11 +12,10 @@ from stepdiag.base.setups import Setup
 from stepdiag.base.volume import Vector, Volume
 
 SHORTEST_MOVE_MM = 0.05
-"""Tolerance in position of an axis along which a run has targets of its own, beside the nodes."""
+"""Tolerance in mm for the position along an axis whose run has irregular targets."""
 LASER_TOLERANCE = 0.1
-"""The travel of the laser must agree with the nominal travel within a tenth: far beyond any machine
-error, far below a wrong unit.
-"""
+"""Largest relative difference between laser travel and nominal travel: a machine error is much
+smaller, a wrong unit much larger."""
 
 
 def check_route(
@@ -29,7 +26,8 @@ def check_route(
     volume: Volume,
     source: str,
 ) -> None:
-    """Raise ``DataError`` where the positions of a pass are not the stops of its setup."""
+    """Raise ``DataError`` if the positions of a pass are not the stops of its setup; the message
+    contains the stop."""
     where = f"{source}: {key}"
     position = readings.position_mm[rows]
     if len(rows) < 2:
@@ -50,9 +48,8 @@ def check_route(
 
 
 def _least_move_mm(setup: Setup, volume: Volume) -> Vector:
-    """Return the smallest distance of each axis that counts as a move, shape (3,): a standing axis
-    may differ from its target at the two stops of the move.
-    """
+    """Return the smallest distance along each axis that counts as a move, shape (3,). A standing
+    axis may differ from its target at both stops of a move."""
     own = (
         np.array(setup.signs) != 0 if setup.kind == "linear" else np.zeros(3, dtype=np.bool_)
     )
@@ -67,9 +64,6 @@ def _check_each_move(
     least_mm: Vector,
     where: str,
 ) -> None:
-    """Check that every move has the direction of the setup. In a step diagonal one axis moves at a
-    time, or several where a stop is missing.
-    """
     moves, steps = np.diff(position, axis=0), np.diff(stop)
     moving = np.abs(moves) > least_mm
     wrong_way = moving & (np.sign(moves) != signs)
@@ -100,7 +94,6 @@ def _check_each_move(
 def _check_steps(
     setup: Setup, position: Vector, stop: NDArray[np.int64], volume: Volume, where: str
 ) -> None:
-    """Check that a step diagonal moves every axis once in each step, by equal increments."""
     if setup.kind not in ("step", "face"):
         return
     moved = [axis for axis in range(3) if setup.signs[axis]]
@@ -131,8 +124,7 @@ def _check_ends(
     setup: Setup, position: Vector, signs: NDArray[np.int64], volume: Volume, where: str
 ) -> None:
     """Check that a diagonal runs from corner to corner: a shorter diagonal has another direction or
-    lacks an end.
-    """
+    a missing end."""
     if setup.kind != "body":
         return
     travel = position[-1] - position[0]
@@ -144,11 +136,10 @@ def _check_ends(
 def laser_sense(
     readings: Readings, setup: Setup, passes: Mapping[PassKey, NDArray[np.int64]]
 ) -> int:
-    """Return +1 where the reading of a setup grows along its direction, -1 for a linear run
-    measured from its high end.
+    """Return +1 if the reading of a setup grows along its direction, -1 for a linear run measured
+    from its high end.
 
-    A run along one axis may start at the high end with the laser there: its readings then grow
-    towards the low end.
+    With the laser at the high end of the axis, the readings grow towards the low end.
     """
     key, rows = next((key, rows) for key, rows in passes.items() if key.setup == setup.name)
     travel = readings.position_mm[rows[-1]] - readings.position_mm[rows[0]]
@@ -161,9 +152,8 @@ def laser_sense(
 
 
 def _laser_ratio(readings: Readings, setup: Setup, rows: NDArray[np.int64]) -> float:
-    """Return the median ratio of the laser's steps to their nominal size: single bad stops have no
-    effect.
-    """
+    """Return the median ratio of the laser's steps to their nominal size; single bad stops do not
+    change a median."""
     moves = np.diff(readings.position_mm[rows], axis=0)
     extent = np.array(setup.signs) * np.abs(moves).sum(axis=0)
     nominal = moves @ extent / np.linalg.norm(extent)
@@ -178,7 +168,7 @@ def check_laser(
     sense: int,
     source: str,
 ) -> None:
-    """Raise ``DataError`` where the laser counted in the wrong direction or in another unit."""
+    """Raise ``DataError`` if the laser counted in the wrong direction or in another unit."""
     ratio = sense * _laser_ratio(readings, setup, rows)
     if abs(ratio - 1) <= LASER_TOLERANCE:
         return

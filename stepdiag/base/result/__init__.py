@@ -1,5 +1,4 @@
-"""The result of a survey, as a Python object and as JSON.
+"""The result of a survey as a Python object and as JSON.
 
-In: numbers with uncertainties. Out: the same bytes on every machine, and the error field at any
-position. The floors solver, exporters and stepdiag import this package.
+The floors solver, exporters and stepdiag import this package.
 """

@@ -1,6 +1,5 @@
-"""Deviations of error functions from the curve through their values: in predictions, an arch (a
-parabola) between each two neighbouring targets.
-"""
+"""Deviations of error functions between their targets: a parabola (an arch) between each two
+neighbouring targets."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -13,11 +12,10 @@ from stepdiag.base.volume import Vector
 
 
 class Between(NamedTuple):
-    """Possible deviations of functions from the curve through their values, an arch between each
-    two values: ``arch`` (functions, N) is its height at each point for a height of one, ``cell``
-    (functions, N) the number of the pair of values, ``component`` (functions,) the component of
-    the error, ``size_um`` (draws, functions) the standard deviation in the middle of an arch.
-    """
+    """Possible deviations of error functions between their targets, as arches. ``arch`` (functions,
+    N) is the height at each point of an arch of height one. ``cell`` (functions, N) is the number
+    of the pair of targets, ``component`` (functions,) the component of the error, ``size_um``
+    (draws, functions) the standard deviation in the middle of an arch."""
 
     arch: Vector
     cell: NDArray[np.int64]
@@ -25,9 +23,8 @@ class Between(NamedTuple):
     size_um: Vector
 
     def square_um(self, some: slice) -> Vector:
-        """Return the mean square of the deviations at the points, for some draws, shape (draws, N,
-        3).
-        """
+        """Return the mean square of the deviations at the points for some draws, shape (draws, N,
+        3)."""
         found = np.zeros((len(self.size_um[some]), self.arch.shape[1], 3))
         for place, component in enumerate(self.component):
             found[:, :, component] += (
@@ -36,9 +33,8 @@ class Between(NamedTuple):
         return found
 
     def drawn_um(self, draws: int) -> Vector | None:
-        """Return the deviations between the targets, drawn independently at each point, shape
-        (draws, N, 3), always the same; None without deviations.
-        """
+        """Return deviations drawn independently at each point, shape (draws, N, 3), equal in every
+        call; None without deviations."""
         if not self.size_um.size:
             return None
         waves = np.sqrt(self.square_um(slice(draws)))
@@ -47,8 +43,7 @@ class Between(NamedTuple):
 
     def met(self, fields_um: Vector) -> Vector:
         """Return, for each function, the sum of squares of the products of its arches (1 um high)
-        with error fields (k, 3 N), shape (functions,).
-        """
+        with error fields (k, 3 N), shape (functions,)."""
         fields, found = (
             fields_um.reshape(len(fields_um), fields_um.shape[1] // 3, 3),
             np.zeros(len(self.component)),
@@ -63,13 +58,13 @@ class Between(NamedTuple):
         return found
 
     def across_um2(self, met: Vector) -> Vector:
-        """Return the part of the square sum of drawn fields that comes from the product of the
-        field with the deviations between the targets, shape (draws,). The part is zero on average,
-        and the mean square of the deviations is added separately.
+        """Return the cross term of drawn fields and deviations in the square sum over the points,
+        shape (draws,). Its mean over the draws is zero; the mean square of the deviations is added
+        elsewhere.
 
-        An arch keeps its sign from value to value, and so does the error field there (`met`): the
-        products do not cancel. Four increments have 36 arches in a volume; the sum of so many
-        products is normal.
+        An arch has one sign between two targets, and an error field changes little there, so the
+        products do not cancel (`met`). A volume with four increments has 36 arches; the sum of so
+        many products is normal.
         """
         found: Vector = (
             2.0

@@ -1,6 +1,4 @@
-"""The basis of a result's U and tables, as stored in the result: the assumptions, the lengths, the
-point of the tool.
-"""
+"""The basis of a result's U and tables: the assumptions, the lengths, and the point of the tool."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,22 +24,22 @@ ASSUMED = (
     "squareness_urad",
     "scale_um_m",
 )
-"""The assumed sizes that a person reads, by their names in `members.Assumed`."""
+"""Names of the assumed sizes that a person reads, as in `members.Assumed`."""
 
 Scales = tuple[tuple[str, float, float], ...]
-"""The known scales: axis, value in um/m and expanded uncertainty (k = 2) of each."""
+"""The known scales: axis, value in um/m and expanded uncertainty (k = 2)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Basis:
-    """The basis of a result's U and tables. ``assumed`` holds the assumed sizes by name. ``tables``
-    names the lengths that the tables correct (as measured, or at 20 C); None if the result does not
-    state this.
+    """The basis of a result's U and tables. ``assumed`` contains the assumed sizes by name.
+    ``tables`` is the kind of lengths that the tables correct (as measured, or at 20 C), None if the
+    result does not contain it.
 
     ``material_c`` is the mean temperature of the axes. ``scales`` are the scales of the lengths
-    that the tables correct, ``other`` the scales of the lengths that no table corrects. ``air``
-    holds the assumed conditions of the air without a sensor, by name. ``tool_um`` is the effect of
-    angles on a tool tip 100 mm from the point of the beam on the mirror.
+    that the tables correct, ``other`` the scales of the other lengths. ``air`` contains the assumed
+    conditions of the air that no sensor measured. ``tool_um`` is the effect of angles on a tool tip
+    100 mm from the point of the beam on the mirror.
     """
 
     assumed: Mapping[str, float]
@@ -54,12 +52,12 @@ class Basis:
 
     @property
     def beside(self) -> Lengths:
-        """Return the lengths that no table corrects: as measured, or at 20 C."""
+        """Return the kind of lengths that no table corrects: as measured, or at 20 C."""
         return "at_20_c" if self.tables == "as_measured" else "as_measured"
 
 
 def basis_of(result: Result) -> Basis:
-    """Return the basis of a result, with None and empty values for facts that it does not state."""
+    """Return the basis of a result, with None and empty values for missing facts."""
     lengths, conditions = result.lengths, result.conditions
     warm = None if lengths is None else lengths.material_c
     return Basis(
@@ -76,12 +74,11 @@ def basis_of(result: Result) -> Basis:
 
 
 def sizes_of(assumed: Assumed) -> dict[str, float]:
-    """Return the assumed sizes that a result states, by their names in `ASSUMED`."""
+    """Return the assumed sizes in a result by their names in `ASSUMED`."""
     return {name: size for name in ASSUMED if (size := getattr(assumed, name)) is not None}
 
 
 def _scales(lengths: LengthsReport, *, tables: bool) -> Scales:
-    """Return the known scales of the lengths that the tables correct, or of the other lengths."""
     entries = (
         lengths.at_20_c if (lengths.tables == "at_20_c") is tables else lengths.as_measured
     )
@@ -93,7 +90,7 @@ def _scales(lengths: LengthsReport, *, tables: bool) -> Scales:
 
 
 def scales_in_words(scales: Scales) -> str:
-    """Return scales as a person reads them: ``X +3.2 ± 1.1, Y -0.4 ± 1.2 um/m``."""
+    """Return scales as a text: ``X +3.2 ± 1.1, Y -0.4 ± 1.2 um/m``."""
     return ", ".join(
         f"{axis} {with_expanded(value, expanded, sign='+')}"
         for axis, value, expanded in scales

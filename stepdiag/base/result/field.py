@@ -1,5 +1,5 @@
-"""The error of the tool at any point of the volume, from the functions of a result (theory of the
-rigid-body model, section 2.2)."""
+"""The error of the tool at any point of the volume, computed from the error functions of a result
+(theory of the rigid-body model, section 2.2)."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -21,20 +21,17 @@ PRODUCTS: Mapping[str, tuple[int, tuple[int, ...]]] = {
     },
     "Z(yyz)": (2, (1, 1, 2)),
 }
-"""Errors that no function of a single axis describes, by name: the component of the error, and the
-axes whose shares of the travel are multiplied. Each is the machine's error at the far corner, in
-um: an axis bends where another carries it further out, or a ram sags.
-"""
+"""Errors that depend on two axes, by name: the component of the error, and the axes whose shares of
+the travel are multiplied. Each value is the error at the far corner in um. Examples: an axis bends
+when another axis carries it further out, or a ram sags."""
 BEYOND_MM = 1.0
-"""Largest distance in mm of a target outside the measured volume: functions keep their end values
-there.
-"""
+"""Largest distance in mm of a target outside the measured volume. Beyond the volume, functions have
+their end values."""
 
 
 class Tabulated(NamedTuple):
-    """Functions of one axis' position: linear between the positions, constant beyond the first and
-    the last. ``value`` has the shape (machines, k).
-    """
+    """Error functions of the position of one axis: linear between the positions, constant beyond
+    them. ``value`` has the shape (machines, k)."""
 
     position_mm: Vector
     value: Vector
@@ -57,11 +54,11 @@ class Tabulated(NamedTuple):
 
 
 class Smoothed(NamedTuple):
-    """Functions as in `Tabulated`, but curved between the positions: the cubic spline through
-    evenly spaced values, with a parabola in its first and last cell.
+    """Error functions as cubic splines through evenly spaced values, with a parabola in the first
+    and the last cell.
 
-    The spline differs from waves of 3.3 increments by 7 % of their size, a parabola through each
-    value and its neighbours by 22 %.
+    The spline differs from waves of 3.3 increments by 7 % of their size; a parabola through each
+    value and its neighbours differs by 22 %.
     """
 
     position_mm: Vector
@@ -85,9 +82,6 @@ class Smoothed(NamedTuple):
         return bent
 
     def _curved(self) -> Vector:
-        """Return the second derivative at the positions; positions close to each other would give
-        only noise.
-        """
         even_mm = evenly(self.position_mm)
         value = Tabulated(self.position_mm, self.value).at(even_mm)
         inner = np.diff(value, n=2, axis=1) / (even_mm[1] - even_mm[0]) ** 2
@@ -102,9 +96,8 @@ class Smoothed(NamedTuple):
 
 
 def _of_many(functions: Tabulated | Smoothed, points_mm: Vector) -> Vector:
-    """Return the values of `at`, computed for more machines than positions: the effect of a unit
-    value at each position, times the values.
-    """
+    """Return the values of `at` for more machines than positions: the effect of a unit value at
+    each position, times the values."""
     values: Vector = functions.value @ functions._replace(
         value=np.eye(len(functions.position_mm))
     ).at(points_mm)
@@ -112,9 +105,8 @@ def _of_many(functions: Tabulated | Smoothed, points_mm: Vector) -> Vector:
 
 
 def evenly(position_mm: Vector) -> Vector:
-    """Return equally spaced positions over the range of some positions, with a spacing of at most
-    the largest of theirs.
-    """
+    """Return equally spaced positions over the range of given positions, with a spacing of at most
+    their largest spacing."""
     low, high = position_mm[0], position_mm[-1]
     even: Vector = np.linspace(
         low, high, round(float((high - low) / np.max(np.diff(position_mm)))) + 1
@@ -130,10 +122,10 @@ def field_of_um(
     points_mm: Vector,
 ) -> Vector:
     """Return the error of one or several machines at points (N, 3), shape (machines, N, 3) in um;
-    ``squareness`` may hold `PRODUCTS`.
+    ``squareness`` may contain `PRODUCTS`.
 
     ``E(P) = sum_a [delta_a(a) + alpha_a(a) x r_a]`` plus the squarenesses of contract 1: dX = -C0Y
-    y, dX = +B0Z z, dY = -A0Z z. Arms and squarenesses count from the low corner of the volume,
+    y, dX = +B0Z z, dY = -A0Z z. Abbe arms and squarenesses refer to the low corner of the volume,
     where every function is zero by definition.
     """
     points = np.atleast_2d(np.asarray(points_mm, dtype=np.float64))
@@ -177,8 +169,8 @@ def error_field_um(result: Result, points_mm: Vector) -> Vector:
     """Return actual - commanded at points of the machine, shape (N, 3) in um; an unidentified error
     counts as zero.
 
-    Angular functions that were not measured have their most likely values by the readings
-    (``result.expected``): the displacement functions were estimated with these values.
+    Angular functions without a measurement have their expected values (``result.expected``), with
+    which the displacement functions were estimated.
     """
     known = {**result.errors, **result.expected}
     functions = {
@@ -197,10 +189,10 @@ def error_field_um(result: Result, points_mm: Vector) -> Vector:
 
 
 def bend_um(result: Result, points_mm: Vector) -> Vector:
-    """Return the difference of smooth displacement functions from the straight line between their
-    values, at points, shape (N, 3).
+    """Return the difference between smooth displacement functions and the straight lines between
+    their values, at points, shape (N, 3).
 
-    The machine has this difference; tables that are straight between the values do not correct it.
+    A table that is linear between the values does not correct this difference.
     """
     known = {name: result.errors[name] for name in DISPLACEMENTS if name in result.errors}
     parts = []
@@ -219,7 +211,7 @@ def without_rigid_motion(volume: Volume, points_mm: Vector, errors_um: Vector) -
     """Return the errors less the translation and rotation of the whole volume that fit them best,
     shape (N, 3).
 
-    A rigid motion depends on the place of the workpiece and is not an error of the machine.
+    A rigid motion depends on the place of the workpiece and is no error of the machine.
     """
     motion = rigid_motions(volume, points_mm)
     flat = errors_um.reshape(-1)
@@ -239,12 +231,11 @@ def rigid_motions(volume: Volume, points_mm: Vector) -> Vector:
 
 
 def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vector:
-    """Return the error along a straight body diagonal (ISO 230-6) at distances (N,) from the corner
-    where it starts.
+    """Return the error along a straight body diagonal (ISO 230-6) at distances (N,) from its first
+    corner, in um, less the error at the first distance, shape (N,).
 
-    In um, less the error at the first distance, shape (N,). The solver does not use this error, so
-    it can serve as a check. Raises UsageError for an invalid diagonal, or distances that leave the
-    measured volume.
+    The solver does not use straight diagonals, so they are an independent check. Raises UsageError
+    for an invalid diagonal, or distances outside the measured volume.
     """
     if diagonal not in BODY_DIAGONALS:
         raise UsageError(
@@ -270,9 +261,8 @@ def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vec
 
 
 def from_first(values: Vector, nodes: Vector, *, shape: bool) -> Vector:
-    """Return a function relative to its value at the first node; with ``shape`` the line through
-    the end points is removed.
-    """
+    """Return a function relative to its value at the first node; with ``shape``, its end-point line
+    is removed."""
     line = (values[-1] - values[0]) * (nodes - nodes[0]) / (nodes[-1] - nodes[0])
     rest: Vector = values - values[0] - (line if shape else 0.0)
     return rest

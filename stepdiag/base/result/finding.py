@@ -1,4 +1,4 @@
-"""A finding in the form of a result's JSON."""
+"""The JSON form of a finding in a result."""
 
 from typing import get_args
 
@@ -24,7 +24,7 @@ _NAMES = (
 
 
 def parse_finding(node: Node) -> Finding:
-    """Return a finding from the JSON of a result. Raises ``DataError`` that names the field."""
+    """Return a finding from the JSON of a result. Raises ``DataError`` with the wrong field."""
     node.only(_NAMES)
     severity = node.text("severity")
     if severity not in ("info", "warning", "error"):

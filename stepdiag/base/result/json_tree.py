@@ -1,4 +1,4 @@
-"""A JSON document read with the path of each value, so that an error message can name the field."""
+"""Reading of a JSON document; every value has its path, which error messages contain."""
 
 import json
 import re
@@ -17,7 +17,7 @@ _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
 
 def load_json(text: str, source: str) -> "Node":
-    """Return the root of a JSON document. Raises ``DataError`` where the text is not JSON."""
+    """Return the root of a JSON document. Raises ``DataError`` for a text that is not JSON."""
     try:
         value = json.loads(text)
     except json.JSONDecodeError as error:
@@ -53,15 +53,14 @@ def _encodable(value: Any) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A value in a JSON document, and its path. Every reading method raises ``DataError`` with this
-    path for an unexpected value.
-    """
+    """A value in a JSON document and its path. Every reading method raises ``DataError`` with this
+    path for an unexpected value."""
 
     value: Any
     source: str
     path: str
     strict: bool = False
-    """Whether the members with an unknown name are refused."""
+    """Whether members with unknown names are refused."""
 
     def refuse(self, expected: Words) -> NoReturn:
         raise DataError(
@@ -88,7 +87,7 @@ class Node:
         return Node(inside[name], self.source, path, self.strict)
 
     def only(self, names: Iterable[str]) -> None:
-        """Refuse the members with an unknown name if the node is strict."""
+        """Refuse members with unknown names if the node is strict."""
         known = list(names)
         unknown = next((name for name in self.mapping() if name not in known), None)
         if self.strict and unknown is not None:

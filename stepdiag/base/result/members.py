@@ -1,6 +1,4 @@
-"""The members of a result other than its functions: operator, conditions, fit of the readings, and
-basis of U.
-"""
+"""The members of a result besides its error functions."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -16,7 +14,7 @@ Axis = Literal["X", "Y", "Z"]
 Lengths = Literal["as_measured", "at_20_c"]
 OptionalText = Annotated[str, OPTIONAL]
 Verdict = Literal["conform", "not_conform", "not_decidable"]
-"""A verdict by ISO 14253-1 about a figure or a machine."""
+"""Verdict by ISO 14253-1 about a figure or a machine."""
 Range = tuple[float, float]
 """Least and largest value of a sensor."""
 Triple = tuple[float, float, float]
@@ -24,22 +22,21 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Software:
-    """Name and version of the program that wrote a result, empty if not stated."""
+    """Name and version of the program that wrote a result, empty if unknown."""
 
     name: str = ""
     version: str = ""
 
 
 def software() -> Software:
-    """Return name and version of this program, as written into results."""
+    """Return name and version of this program."""
     return Software(name="stepdiag", version=version("stepdiag"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActiveFile:
     """A file that was active in the control: its name, its hash, and when and how it was read
-    out.
-    """
+    out."""
 
     name: str
     sha256: str
@@ -49,8 +46,8 @@ class ActiveFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """A source of the result: its role, its name, and its SHA-256; for a log the SHA-256 of its
-    records, packed or not.
+    """A source of the result: its role, its name, and its SHA-256. The SHA-256 of a log is that of
+    its records, so packing does not change it.
 
     ``role`` is log, readings, angles, straightness, uncertainty, tolerance, run or environment. A
     damaged log has no hash.
@@ -63,11 +60,11 @@ class Source:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """The measurement: operator, object, time and instruments; a text that the survey does not
-    state is empty.
+    """The facts of the measurement: operator, object, time and instruments; a missing text is
+    empty.
 
-    ``compensation`` during the measurement is None if the survey leaves the question open;
-    ``active_files`` are the files that were active if the compensation was on.
+    ``compensation`` is None if the survey does not answer whether a compensation was active;
+    ``active_files`` are the files of an active compensation.
     """
 
     machine: str = ""
@@ -94,9 +91,8 @@ class Facts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssumedConditions:
-    """The conditions that no sensor measured and no person stated, with their values in the survey
-    file.
-    """
+    """Conditions that no sensor measured and no person entered, with their default values in the
+    survey file."""
 
     air_temperature_c: Maybe[float] = None
     air_pressure_hpa: Maybe[float] = None
@@ -106,7 +102,7 @@ class AssumedConditions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """Least and largest value of each sensor of air and material, over the stops used."""
+    """Least and largest value of each sensor of air and material over the used stops."""
 
     air_temperature_c: Maybe[Range] = None
     air_pressure_hpa: Maybe[Range] = None
@@ -118,9 +114,9 @@ class Conditions:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
     """A figure and its tolerance (`base.conformity`): ends of its coverage interval (k = 2),
-    probability of conformity and verdict.
+    probability of conformity, verdict.
 
-    ``tolerance`` limits the magnitude. A figure that is not identified is None, and not decidable.
+    ``tolerance`` limits the magnitude. An unidentified figure is None and not decidable.
     """
 
     quantity: str
@@ -135,9 +131,8 @@ class Judged:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conformity:
-    """The conformity of a machine: the verdict on every figure with a tolerance, as found; and on
-    the figures of the volume predicted after an ideal compensation.
-    """
+    """The verdicts about every figure with a tolerance as found, and about the volumetric figures
+    predicted after an ideal compensation."""
 
     as_found: tuple[Judged, ...]
     predicted: tuple[Judged, ...]
@@ -145,9 +140,8 @@ class Conformity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """Fit of the readings to the model. The closed forms state the standard uncertainty of a
-    reading instead (``noise_um``).
-    """
+    """Fit of the readings to the model. The closed forms give the standard uncertainty of a reading
+    (``noise_um``)."""
 
     readings: int | None = None
     used: int | None = None
@@ -160,9 +154,8 @@ class Fit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Length:
-    """A length in um with its combined standard uncertainty; without u in results of the closed
-    forms.
-    """
+    """A length in um with its combined standard uncertainty; results of the closed forms have no
+    u."""
 
     value: float
     u: float | None = None
@@ -170,7 +163,7 @@ class Length:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Backlash:
-    """The mean backlash of an axis (approach in + minus approach in -) with its combined standard
+    """Mean backlash of an axis (approach in + minus approach in -) with its combined standard
     uncertainty."""
 
     value: float
@@ -180,7 +173,7 @@ class Backlash:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Backlashes:
-    """The mean backlash by axis, None where the data do not identify it."""
+    """Mean backlash by axis, None for an axis whose backlash the data do not identify."""
 
     X: Maybe[Backlash] = None
     Y: Maybe[Backlash] = None
@@ -189,9 +182,8 @@ class Backlashes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LengthScale:
-    """The scale of an axis at one temperature, with its combined standard uncertainty; value and u
-    are None if the data do not identify the scale.
-    """
+    """Scale of an axis at one temperature with its combined standard uncertainty; both are None if
+    the data do not identify the scale."""
 
     value: float | None
     u: float | None
@@ -200,9 +192,9 @@ class LengthScale:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LengthsReport:
-    """The lengths that the tables correct (as measured, or at 20 C), and the scales of both
-    lengths. ``material_c`` is the temperature of each axis, None without a measurement.
-    """
+    """The kind of lengths that the tables correct (as measured, or at 20 C), and the scales for
+    both kinds of lengths. ``material_c`` is the temperature of each axis, None without a
+    measurement."""
 
     tables: Lengths
     material_c: Triple | None
@@ -213,9 +205,8 @@ class LengthsReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tool:
-    """The point of the tool for which the errors are valid, and the largest effect of angles 100 mm
-    away from it (k = 2).
-    """
+    """The point of the tool for which the errors are valid, and the largest effect of angles (k =
+    2) at a distance of 100 mm from this point."""
 
     offset_mm: Triple | None
     up_to_um_per_100_mm: float | None
@@ -223,12 +214,12 @@ class Tool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenSlip:
-    """A slip of the laser's count, in um. ``half_um``: the size that is noticed in half of all
-    surveys; ``nearly_um``: in 95 % of them. ``volume_um``: the effect of a slip of ``half_um`` on
-    the volume (rms). None where a slip of any size stays unnoticed.
+    """A slip of the laser's count in um. ``half_um`` is the size that half of all surveys detect,
+    ``nearly_um`` the size that 95 % detect. ``volume_um`` is the effect of a slip of ``half_um`` on
+    the volume (rms). A value is None if a slip of any size is undetected.
 
-    ``passes``: the passes in which a slip that is noticed in half of the surveys has a larger
-    effect on the volume than the noise of the readings, ``readings_um`` (k = 1).
+    ``passes`` are the passes in which a slip of ``half_um`` affects the volume more than the noise
+    of the readings, ``readings_um`` (k = 1).
     """
 
     setup: str
@@ -242,27 +233,25 @@ class UnseenSlip:
 
     @property
     def where(self) -> Words:
-        """Return the place of the slip as a message: the move to a stop of a pass."""
+        """Return the place of the slip as a message: the move before a stop of a pass."""
         return where(Place(setup=self.setup, pass_number=self.pass_number, stop=self.stop))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenSlips:
-    """The most harmful unnoticed slip in diagonals and in runs along an axis, None where the survey
-    has none of them.
-    """
+    """The most harmful undetected slip in diagonals and in runs along an axis, None without runs of
+    this kind."""
 
     diagonals: Maybe[UnseenSlip] = None
     runs: Maybe[UnseenSlip] = None
 
     def __iter__(self) -> Iterator[UnseenSlip]:
-        """Yield the slips that are not None."""
         return (one for one in (self.diagonals, self.runs) if one is not None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Closure:
-    """The closure residual ppp - npp - pnp - ppn by axis, at each node, in um."""
+    """The closure residual ppp - npp - pnp - ppn by axis at each node, in um."""
 
     x: tuple[float, ...]
     y: tuple[float, ...]
@@ -270,16 +259,15 @@ class Closure:
 
     @classmethod
     def of(cls, by_axis_um: Vector) -> Self:
-        """Return the residual from its rows, shape (3, nodes)."""
+        """Return the closure residual from its rows, shape (3, nodes)."""
         x, y, z = by_axis_um.tolist()
         return cls(x=tuple(x), y=tuple(y), z=tuple(z))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumed:
-    """The assumed sizes on which U rests (`solver.model.assumptions.Assumptions`). Relative sizes
-    are in ppm; None if the result does not state the size.
-    """
+    """The assumed sizes behind U (`solver.model.assumptions.Assumptions`). Relative sizes are in
+    ppm. A size is None if the result does not contain it."""
 
     angles_urad: float | None = None
     angle_urad: dict[str, float] | None = None
@@ -306,9 +294,8 @@ class Assumed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """The straightness measured by the head minus that of the diagonals, both relative to their
-    end-point line, in um.
-    """
+    """The straightness measured by the head minus the straightness from the diagonals, both
+    relative to their end-point lines, in um."""
 
     position_mm: tuple[float, ...]
     value: tuple[float, ...]
@@ -316,9 +303,8 @@ class Difference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadStraightness:
-    """A straightness measured by the 4-DOF head, by each reference line; ``misclosure`` above 1
-    contradicts the diagonals.
-    """
+    """A straightness measured by the 4-DOF head, for each of its reference lines; ``misclosure``
+    above 1 contradicts the diagonals."""
 
     passes: int
     end_point_um: float
@@ -333,15 +319,15 @@ class HeadStraightness:
 
 
 VOLUME = "volume"
-"""The quantity of the uncertainty budget that represents the error vector over the volume."""
+"""Name of the error vector over the volume in the uncertainty budget."""
 READINGS, BETWEEN_TARGETS, NOT_MEASURED = "readings", "between the targets", "not measured"
-"""Sources of the uncertainty budget that are not effects of the adjustment."""
+"""Sources of the uncertainty budget that do not come from the adjustment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """The uncertainty budget (k = 1): assumptions by source, shares by quantity and source, their
-    combination by quantity."""
+    """The uncertainty budget (k = 1): assumptions by source, contributions by quantity and source,
+    combined uncertainty by quantity."""
 
     assumptions: dict[str, Words]
     shares: dict[str, dict[str, float]]
@@ -350,7 +336,7 @@ class Budget:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CoverageFactor:
-    """Effective degrees of freedom of an uncertainty, and the factor for 95 %."""
+    """Effective degrees of freedom of an uncertainty, and its coverage factor for 95 %."""
 
     degrees_of_freedom: float
     k: float
@@ -358,11 +344,11 @@ class CoverageFactor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StandardFigures:
-    """The figures of a standard for a setup, or for a set of diagonals (``_d``), in um. The fields
-    have the symbols of the standard.
+    """The figures of a standard for a setup or a set of diagonals (``_d``), in um. The fields have
+    the symbols of the standard.
 
-    A figure is None if the runs do not give the figure, or the standard does not define it. ``U``
-    holds expanded uncertainties (k = 2) by figure.
+    A figure is None if the runs do not determine it or the standard does not define it. ``U``
+    contains expanded uncertainties (k = 2) by figure.
     """
 
     standard: str
@@ -397,9 +383,8 @@ class StandardFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawn:
-    """The standard deviation of a quantity over drawn surveys, for comparison with the stated u;
-    for a single number also the shortest 95 % interval.
-    """
+    """Standard deviation of a quantity over drawn surveys, for comparison with its u; for a single
+    number also the shortest 95 % interval."""
 
     u: float
     u_stated: float
@@ -409,9 +394,8 @@ class Drawn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MonteCarlo:
-    """Number of surveys drawn (JCGM 101), and the scatter of each function or number over the drawn
-    surveys.
-    """
+    """Number of drawn surveys (JCGM 101), and the scatter of each function or number over these
+    surveys."""
 
     trials: int
     quantities: Annotated[dict[str, Drawn], BESIDE]
@@ -419,9 +403,8 @@ class MonteCarlo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """The drift of the laser's count over an out-and-back pair of passes, with the standard
-    uncertainty of the drift.
-    """
+    """Drift of the laser's count over an outward pass and its return pass, with its standard
+    uncertainty."""
 
     pair: int
     rate: float
@@ -432,9 +415,8 @@ class Drift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetupReport:
-    """The travel of a setup and its numbers of passes, and, where known, the tilt of its mirror,
-    its drift and its scatter.
-    """
+    """The travel and the numbers of passes of a setup; also its mirror tilt, drift and scatter if
+    known."""
 
     kind: Kind | None = None
     passes: tuple[int, ...] = ()
@@ -449,6 +431,5 @@ class SetupReport:
 
 
 def triple(values: Iterable[float]) -> Triple:
-    """Return three numbers of a sequence or an array."""
     x, y, z = (float(value) for value in values)
     return x, y, z

@@ -1,13 +1,13 @@
-"""Possible differences of the machine from a result: independent deviations of the whole machine,
-one standard deviation each.
+"""The posterior: possible differences between the machine and a result, as independent deviations
+with unit variance.
 
     machine = result + offset + sum_k z_k mode_k + rest * z,    all z normal(0, 1)
 
-A mode is a whole machine: functions and squarenesses that change together because of a common
-cause. ``rest`` holds the small or isolated deviations: values that vary independently. Every figure
-of the volume is computed from these deviations.
+A mode is a deviation of the whole machine: functions and squarenesses that change together because
+of a common cause. ``rest`` contains the small or isolated deviations, whose values vary
+independently. The intervals of all volumetric figures are computed from the posterior.
 
-The last modes belong to causes of unknown size. Several sizes are equally likely; at each of them
+The last modes belong to causes of unknown size. Several sizes are equally likely. For each size,
 the amount of such a mode is ``shift + scale z`` instead of z, with a mean square of one over all
 sizes.
 """
@@ -30,8 +30,7 @@ NAMES = frozenset(
         "A0Z",
     )
 )
-"""The quantities with possible differences from the result: functions and squarenesses (ISO 230-1).
-"""
+"""Names of the quantities in the posterior: functions and squarenesses (ISO 230-1)."""
 POSTERIOR_DECIMALS = 4
 """Number of decimals of the posterior in the result's file."""
 
@@ -39,26 +38,25 @@ POSTERIOR_DECIMALS = 4
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UnknownSize:
     """Factors for the amounts of the last modes at each of the equally likely sizes: ``scale`` and
-    ``shift``, shapes (sizes, modes).
-    """
+    ``shift``, shapes (sizes, modes)."""
 
     scale: Vector
     shift: Vector
 
     @classmethod
     def nothing(cls) -> "UnknownSize":
-        """Return factors with which no mode depends on a size."""
+        """Return factors for a posterior in which no mode depends on an unknown size."""
         return cls(scale=np.ones((1, 0)), shift=np.zeros((1, 0)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Posterior:
-    """Possible differences of the machine from a result. ``position_mm``: the nodes by axis letter,
-    shapes (k,). ``offset`` (k,), ``modes`` (modes, k) and ``rest`` (k,) by function (um, urad) and
-    by squareness (urad, k = 1), without entries where no value is uncertain. ``between_um``: by
-    function, equally likely sizes, shapes (sizes,), of the departure from the straight line in the
-    middle between two targets. ``sized`` is the dependence of the last modes on an unknown size.
-    """
+    """Possible differences between the machine and a result. ``position_mm`` contains the nodes by
+    axis letter, shapes (k,). ``offset`` (k,), ``modes`` (modes, k) and ``rest`` (k,) are in um or
+    urad (k = 1), by function and by squareness; a quantity without uncertainty has no entry.
+    ``between_um`` contains, by function, equally likely sizes, shapes (sizes,), of the deviation
+    from the straight line in the middle between two targets. ``sized`` is the dependence of the
+    last modes on an unknown size."""
 
     position_mm: Mapping[str, Vector]
     offset: Mapping[str, Vector]
@@ -68,9 +66,8 @@ class Posterior:
     sized: UnknownSize = field(default_factory=UnknownSize.nothing)
 
     def drawn(self, draws: int) -> Vector:
-        """Return amounts of the `deviations` for machines drawn from the posterior, shape (draws,
-        deviations). The draws are the same in every call.
-        """
+        """Return the amounts of the `deviations` for machines drawn from the posterior, shape
+        (draws, deviations), equal in every call."""
         z = np.random.default_rng(0).standard_normal(
             (draws, self.count + sum(len(values) for values in self.rest.values()))
         )
@@ -81,13 +78,11 @@ class Posterior:
 
     @property
     def count(self) -> int:
-        """Return the number of modes."""
         return max((len(values) for values in self.modes.values()), default=0)
 
     def deviations(self) -> dict[str, Vector]:
         """Return the possible deviations by quantity, shape (1 + modes + values of the rest, k):
-        the offset, each mode, each value of the rest.
-        """
+        the offset, each mode, each value of the rest."""
         names = dict.fromkeys((*self.offset, *self.modes, *self.rest))
         modes = self.count
         total = 1 + modes + sum(len(values) for values in self.rest.values())
@@ -108,9 +103,8 @@ class Posterior:
         return found
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON form of the posterior; numbers that are small relative to the largest
-        number of their row have fewer digits.
-        """
+        """Return the JSON form of the posterior. Numbers that are small relative to the largest
+        number of their row have fewer digits."""
         return {
             "position_mm": dict(self.position_mm),
             "offset": {name: _short(values) for name, values in self.offset.items()},
@@ -131,7 +125,7 @@ def _short(values: Vector) -> list[float]:
 
 
 def parse_posterior(root: Node) -> Posterior:
-    """Return the posterior of a result. Raises ``DataError`` that names the field."""
+    """Return the posterior of a result. Raises ``DataError`` with the wrong field."""
     root.only(("position_mm", "offset", "modes", "rest", "between_um", "sized"))
     root.child("position_mm").only("XYZ")
     positions = {axis: root.child("position_mm").child(axis).numbers() for axis in "XYZ"}
@@ -183,9 +177,6 @@ def parse_posterior(root: Node) -> Posterior:
 
 
 def _parse_between(node: Node) -> Vector:
-    """Return the equally likely sizes of each function's departure between targets; an older result
-    of this version contains a single size.
-    """
     if not node.strict and isinstance(node.value, int | float):
         return np.array([node.number()])
     sizes = node.numbers()

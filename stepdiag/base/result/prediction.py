@@ -1,10 +1,10 @@
-"""The expected errors of the volume, before and after tables: root mean square and largest error as
-intervals.
+"""The expected volumetric errors before and after compensation: root mean square and largest error,
+as intervals.
 
-Machines are drawn from the posterior of the result, and each is measured over the points as in an
-independent check. The interval covers 97 % of the drawn machines: all but the share beyond k = 2 at
-the upper end (`TAIL`) and a smaller share at the lower end (`BELOW`). Verify, report, page, compare
-and plan use the same draws.
+Machines are drawn from the posterior of the result and measured at points of the volume, as in an
+independent check. The interval covers 97 % of the drawn machines: `TAIL` is the share above its
+upper end (k = 2), `BELOW` the smaller share below its lower end. All commands, the report and the
+page use the same draws.
 """
 
 from collections.abc import Mapping
@@ -30,16 +30,13 @@ DRAWS, FOR_LARGEST = 2000, 250
 VOLUMETRIC_RMS, VOLUMETRIC_LARGEST = "volumetric_rms_um", "volumetric_largest_um"
 """Names of the tolerances of the root mean square and of the largest error (`Result.tolerance`)."""
 TAIL = 0.02275
-"""Probability of a normal value beyond k = 2, on one side."""
+"""Probability of a normal value beyond k = 2 on one side."""
 BELOW = 0.005
-"""Probability below the lower end of the interval of the volume: assumed errors (drift, warmth,
-air) are drawn with their stated or estimated size, and a good machine has none of them. With k = 2
-on both sides, one in eight of such good machines was better than the lower end of the interval.
-"""
+"""Probability below the lower end of the interval of the volume. Assumed errors (drift, warmth,
+air) are drawn with their assumed or estimated size, and a good machine has none of them. With k = 2
+on both sides, one in eight good machines was below the interval."""
 BETWEEN_SHARE = 8.0 / 15.0
-"""Mean square of an arch (a parabola between two targets), divided by the square of its largest
-height.
-"""
+"""Mean square of an arch (a parabola between two targets), divided by the square of its height."""
 
 
 def predicted(
@@ -48,8 +45,8 @@ def predicted(
     """Return the expected result of an independent check at points (N, 3), before and after
     ``correction_um`` (N, 3) is applied.
 
-    ``beside_um`` (N, 3) is a known error that was present during the measurement and is not in the
-    result, such as steps between the targets.
+    ``beside_um`` (N, 3) is a known error during the measurement that the result does not contain,
+    such as steps between the targets.
     """
     motions = rigid_motions(result.volume, points_mm)
     return _predicted(
@@ -63,10 +60,9 @@ def predicted(
 def predicted_with_u(
     result: Result, posterior: Posterior, points_mm: Vector, correction_um: Vector
 ) -> tuple[Predicted, float]:
-    """Return the prediction of `predicted`, and the root mean square over the volume of the error
-    vector's standard uncertainty, rigid motion removed. ``posterior`` is the posterior of the
-    result.
-    """
+    """Return the prediction of `predicted`, and the root mean square over the volume of the
+    standard uncertainty of the error vector, rigid motion removed. ``posterior`` is that of the
+    result."""
     machines, motions = (
         _machines(result, points_mm, 0.0, DRAWS),
         rigid_motions(result.volume, points_mm),
@@ -103,10 +99,10 @@ def _predicted(
 
 
 def interval_of(drawn: Vector, known: bool, most: float | None = None) -> Interval:
-    """Return the median of draws and the interval that holds all but `BELOW` of them on the lower
-    side and `TAIL` on the upper.
+    """Return the median of draws, and the interval with the share `BELOW` of the draws below it and
+    `TAIL` above it.
 
-    With a tolerance ``most``, the interval also holds the share of draws up to the tolerance.
+    With a tolerance ``most``, the interval also contains the share of draws up to the tolerance.
     """
     low, value, high = (float(end) for end in np.quantile(drawn, (BELOW, 0.5, 1.0 - TAIL)))
     if not known:
@@ -121,8 +117,8 @@ def interval_of(drawn: Vector, known: bool, most: float | None = None) -> Interv
 
 class ErrorAt(NamedTuple):
     """The error vector (actual - commanded) at points and its combined standard uncertainty, shapes
-    (N, 3) in um, relative to the low corner of the volume, where every function is zero by
-    definition. ``u_um`` is None where the result has no posterior."""
+    (N, 3) in um, relative to the low corner of the volume. ``u_um`` is None for a result without a
+    posterior."""
 
     error_um: Vector
     u_um: Vector | None
@@ -131,8 +127,8 @@ class ErrorAt(NamedTuple):
 def errors_at(result: Result, points_mm: Vector) -> ErrorAt:
     """Return the error of the tool at points (N, 3), rigid motion not removed.
 
-    ``u_um`` is the root mean square of all possible differences by the posterior: offset, modes
-    (amounts with a mean square of one), independent values, and deviations between two targets.
+    ``u_um`` is the root mean square of all deviations in the posterior: offset, modes, independent
+    values, and deviations between two targets.
     """
     error_um = error_field_um(result, points_mm)
     if result.posterior is None:
@@ -153,9 +149,8 @@ def squares_um2(
     result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0
 ) -> tuple[Vector, Vector]:
     """Return the squared length of the error vector at the points for each of `FOR_LARGEST` draws,
-    rigid motion removed, before and after a correction, shapes (draws, N); arguments as in
-    `predicted`. A result without a posterior gives a single draw.
-    """
+    rigid motion removed, before and after a correction, shapes (draws, N). Arguments as in
+    `predicted`. A result without a posterior gives a single draw."""
     machines = _machines(result, points_mm, beside_um, FOR_LARGEST)
     drawn = machines.drawn(correction_um, rigid_motions(result.volume, points_mm))
     before, after = (
@@ -166,10 +161,9 @@ def squares_um2(
 
 
 class _Drawn(NamedTuple):
-    """The error fields of drawn machines: ``whole`` (deviations, 3 N) is to be multiplied by the
-    amounts of each machine. ``likely`` (3 N,) is the centre of the draws without its noise. The
-    square sum of a drawn field over all points is too large by ``over_um2`` (draws,).
-    """
+    """The error fields of drawn machines. ``whole`` (deviations, 3 N) is multiplied by the amounts
+    of each machine. ``likely`` (3 N,) is the centre of the draws without its noise. ``over_um2``
+    (draws,) is the excess of the square sum of a drawn field over all points."""
 
     whole: Vector
     likely: Vector
@@ -178,11 +172,10 @@ class _Drawn(NamedTuple):
 
 class _Machines(NamedTuple):
     """Drawn machines. ``before``: the estimated error field at the points. ``moved``: the effect of
-    each deviation of the posterior at the points. ``amount`` (draws, deviations): the drawn amounts
-    of the deviations. ``between``: the deviations between the targets. ``noise``: the part of the
-    field that is noise of the estimate (`_adjusted_um`). ``common_um2`` and ``bent_um2``: the
-    covariances of this noise (`_common_um2`), rigid motion not removed.
-    """
+    each deviation of the posterior. ``amount`` (draws, deviations): the drawn amounts. ``between``:
+    the deviations between the targets. ``noise``: the part of the field that is noise of the
+    estimate (`_adjusted_um`). ``common_um2`` and ``bent_um2``: the covariances of this noise
+    (`_common_um2`), rigid motion not removed."""
 
     before: Vector
     moved: Vector
@@ -196,9 +189,8 @@ class _Machines(NamedTuple):
     known: bool
 
     def drawn(self, correction_um: Vector, motions: Vector | None) -> dict[When, _Drawn]:
-        """Return the drawn error fields before and after a correction (N, 3), less their rigid
-        motion where the basis ``motions`` is given.
-        """
+        """Return the drawn error fields before and after a correction (N, 3); with the basis
+        ``motions``, their rigid motion is removed."""
         flat, found = _flat(self.moved, motions), _flat(self.before[None], motions)
         square_um2 = max(float(np.sum(found**2)), 1e-30)
         common_um2, bent_um2 = self._shared_um2(motions)
@@ -222,9 +214,8 @@ class _Machines(NamedTuple):
         return fields
 
     def _shared_um2(self, motions: Vector | None) -> tuple[float, float]:
-        """Return the covariance of the complete error with the part that is noise of the estimate,
-        and the variance of the addition of the smooth curve, each summed over the points.
-        """
+        """Return the covariance of the complete error with the noise of the estimate, and the
+        variance of the contribution of the smooth curve, each summed over the points."""
         moved, noise, bent = (
             _flat(each, None) for each in (self.moved, self.noise, self.bent)
         )
@@ -241,7 +232,7 @@ class _Machines(NamedTuple):
         """Return, for all deviations but the offset, the square sum of their effect over all
         points, (draws,), and the square sum of the rigid motions in this effect, (draws,).
 
-        The sums are the same before and after a correction.
+        Both sums are equal before and after a correction.
         """
         flat, amount = _flat(self.moved, None)[1:], self.amount[:, 1:]
         return np.sum((amount @ (flat @ flat.T)) * amount, axis=1), np.sum(
@@ -250,8 +241,7 @@ class _Machines(NamedTuple):
 
     def every_um(self) -> Vector:
         """Return the effect of all deviations but the offset in `FOR_LARGEST` draws, rigid motion
-        not removed, shape (draws, N, 3).
-        """
+        not removed, shape (draws, N, 3)."""
         amount, flat = self.amount[:FOR_LARGEST, 1:], _flat(self.moved, None)[1:]
         every: Vector = (amount @ flat).reshape(len(amount), *self.moved.shape[1:])
         return every
@@ -264,9 +254,8 @@ class _Machines(NamedTuple):
         tolerance: Mapping[str, float],
     ) -> FieldFigures:
         """Return the figures of the whole volume. ``moved_um2`` (draws,) is the square sum of the
-        effect of all deviations but the offset. ``beside_um`` (draws, N, 3) is this effect with the
-        drawn deviations between the targets (`Between.drawn_um`).
-        """
+        effect of all deviations but the offset. ``beside_um`` (draws, N, 3) is this effect plus the
+        drawn deviations between the targets (`Between.drawn_um`)."""
         rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)
         largest_um = _largest_um(drawn.likely, beside_um)
         return FieldFigures(
@@ -275,7 +264,7 @@ class _Machines(NamedTuple):
         )
 
     def squares_um2(self, drawn: _Drawn) -> Vector:
-        """Return the squared length of the error vector at each point, shape (draws, N), whose mean
+        """Return the squared length of the error vector at each point, shape (draws, N); its mean
         over all points agrees with `figures`.
 
         The correction for noise and for the arches between the targets is known only for the whole
@@ -293,9 +282,6 @@ class _Machines(NamedTuple):
 def _machines(
     result: Result, points_mm: Vector, beside_um: Vector | float, draws: int
 ) -> _Machines:
-    """Return ``draws`` machines drawn from the posterior; without a posterior a single machine with
-    the errors as found.
-    """
     posterior = result.posterior
     before = error_field_um(result, points_mm) + beside_um
     if posterior is not None:
@@ -321,7 +307,7 @@ def _machines(
 
 def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:
     """Return the effect of each deviation of the posterior on the error at the points, shape
-    (deviations, N, 3): the offset first."""
+    (deviations, N, 3), the offset first."""
     if posterior is None:
         return np.zeros((1, len(points_mm), 3))
     deviations = posterior.deviations()
@@ -337,12 +323,10 @@ def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Ve
 def _adjusted_um(
     result: Result, posterior: Posterior | None, points_mm: Vector
 ) -> tuple[Vector, Vector]:
-    """Return the possible error of the part of `_moved` (deviations, N, 3) that the readings
-    determine without a prior: along straight lines between the values, plus the addition of the
-    smooth curve through them.
+    """Return the part of `_moved` (deviations, N, 3) that is an error of quantities determined by
+    the readings without a prior.
 
-    This part contains no angular functions, which are expected or given values, and no unidentified
-    quantity, which has no estimate.
+    Angular functions, which are expected or given values, and unidentified quantities are left out.
     """
     none = np.zeros((1, len(points_mm), 3))
     if posterior is None:
@@ -377,34 +361,32 @@ def _adjusted_um(
 
 
 def _together(amount: Vector) -> Vector:
-    """Return the covariance of the drawn amounts of all deviations but the offset."""
     drawn = amount[:, 1:] - np.mean(amount[:, 1:], axis=0)
     found: Vector = drawn.T @ drawn / len(drawn)
     return found
 
 
 def _common_um2(moved: Vector, noise: Vector, together: Vector) -> float:
-    """Return the covariance, summed over the points, of two fields of deviations: the complete
-    error and the error of the part determined without a prior.
+    """Return the covariance, summed over the points, of the complete error and of the error
+    determined without a prior.
 
-    The estimate of that part contains its noise: its square sum is that of machine and noise, and
-    draws around the estimate contain the noise once more. The machine's square sum is therefore
-    smaller than that of the draws by twice this covariance (the bias of Stein 1956, subtracted).
-    ``noise`` and ``moved`` are rows of deviations, ``together`` is the covariance of their amounts.
+    The square sum of the estimate contains machine and noise, and draws around the estimate contain
+    the noise once more. The square sum of the machine is therefore smaller than that of the draws
+    by twice this covariance (the bias of Stein 1956). ``noise`` and ``moved`` are rows of
+    deviations, ``together`` is the covariance of their amounts.
     """
     return float(np.sum((together @ noise[1:]) * moved[1:])) if len(noise) > 1 else 0.0
 
 
 def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
-    """Return fields (k, N, 3) as rows (k, 3 N), less their rigid motion where the basis ``motions``
-    is given.
-    """
+    """Return fields (k, N, 3) as rows (k, 3 N); with the basis ``motions``, their rigid motion is
+    removed."""
     flat = fields_um.reshape(len(fields_um), -1)
     return flat if motions is None else flat - (flat @ motions) @ motions.T
 
 
 def _rms_um(drawn: _Drawn, amount: Vector, between: Between, moved_um2: Vector) -> Vector:
-    """Return the root mean square of the error vector of every draw, shape (draws,): a quadratic
+    """Return the root mean square of the error vector of every draw, shape (draws,), as a quadratic
     form of the amounts.
 
     ``moved_um2`` (draws,) is the part of second order in the amounts, computed once for all fields.
@@ -418,7 +400,6 @@ def _rms_um(drawn: _Drawn, amount: Vector, between: Between, moved_um2: Vector) 
 
 
 def _largest_um(likely_um: Vector, beside_um: Vector) -> Vector:
-    """Return the largest length of the error vector of every draw, shape (draws,)."""
     drawn = beside_um + likely_um.reshape(-1, 3)
     drawn *= drawn
     largest: Vector = np.sqrt(
@@ -428,9 +409,8 @@ def _largest_um(likely_um: Vector, beside_um: Vector) -> Vector:
 
 
 def _volumetric_u_um(posterior: Posterior, fields_um: Vector, motions: Vector) -> float:
-    """Return the uncertainty figure of `predicted_with_u` from the effect of each deviation on the
-    error at the points, (deviations, N, 3).
-    """
+    """Return the uncertainty of `predicted_with_u` from the effect of each deviation on the error
+    at the points, (deviations, N, 3)."""
     moved = _flat(fields_um, motions)
     between = sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())
     sized = posterior.sized

@@ -48,10 +48,9 @@ from stepdiag.base.volume import MOST_INCREMENTS, POSITION_TOLERANCE_MM, Vector,
 FORMAT = "stepdiag-result"
 FORMAT_VERSION = 3
 READABLE_VERSIONS = (1, 2, 3)
-"""The versions of the result's format that can be read. In version 1 ``u`` is only the part of the
-readings, and there is no posterior. In versions 1 and 2 an unknown or damaged member is left out;
-in version 3 it is refused.
-"""
+"""Versions of the result's format that can be read. In version 1 ``u`` contains only the
+contribution of the readings, and there is no posterior. In versions 1 and 2 unknown or damaged
+members are ignored; in version 3 they are refused."""
 
 DISPLACEMENTS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "XYZ")
 ROTATIONS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "ABC")
@@ -59,14 +58,11 @@ POSITIONING = ("EXX", "EYY", "EZZ")
 SQUARENESS = ("C0Y", "B0Z", "A0Z")
 AXIS_LETTERS = tuple(axis.upper() for axis in AXES)
 _MOST_PASSES = 1000
-"""Largest number of passes of a setup in a result that states only their number."""
+"""Largest number of passes of a setup in a result that contains only their number."""
 _NUMBERS = re.compile(r"\[\n\s+-?\d[-+.,\dEe\s]*\]")
-"""Pattern of a list of numbers that the file holds on one line."""
 _NUMBER = ("value", "u", "u_readings")
 DECIMALS = 6
-"""Number of decimals of values in the result's file: a picometre, a picoradian, a nanometre of
-position.
-"""
+"""Number of decimals of values in the result's file: 1 pm, 1 prad, 1 nm of position."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,12 +70,11 @@ class Function:
     """An error as a function of the position of the moving axis, shapes (k,), linear between the
     positions.
 
-    ``value`` and ``u`` (combined standard uncertainty) are None where the data do not identify the
-    function; ``u_readings`` is the part of u that comes from the readings alone, None in results of
-    version 1. ``slope_identified`` is False where only the shape of the function is known: the line
-    through the end points is then removed, and the slope is unknown. A straightness function (unit
-    um, names as EYX) always has its end-point line removed and ``slope_identified`` True: its slope
-    is in the squareness.
+    ``value`` and ``u`` (combined standard uncertainty) are None if the data do not identify the
+    function. ``u_readings`` is the contribution of the readings to u, None in results of version 1.
+    If ``slope_identified`` is False, only the shape of the function is known and its end-point line
+    is removed. A straightness (names as EYX) always has its end-point line removed and
+    ``slope_identified`` True, because its slope is the squareness.
     """
 
     position_mm: Vector
@@ -92,9 +87,8 @@ class Function:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """A number (a squareness, a scale) with its combined standard uncertainty; both None where the
-    data do not identify the number. ``u_readings`` as in `Function`.
-    """
+    """A squareness or a scale with its combined standard uncertainty; both are None if the data do
+    not identify it. ``u_readings`` as in `Function`."""
 
     value: float | None
     u: float | None
@@ -104,9 +98,8 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """The slope of a positioning function's end-point line in um/m; ``value`` and ``u`` are None
-    unless ``identified``.
-    """
+    """Slope of the end-point line of a positioning function in um/m; ``value`` and ``u`` are None
+    unless ``identified``."""
 
     value: float | None
     u: float | None
@@ -119,15 +112,14 @@ class Scale:
 class Result:
     """The measured state of a machine.
 
-    ``errors`` holds the mean of both directions by ISO 230-1 name (EXX .. EZZ in um; EAX .. ECZ in
-    urad where known), ``expected`` holds the angular functions that were not measured, with their
-    likely values by the closure of the readings; the displacement functions are estimated with
-    these values. ``posterior`` holds the possible differences between the machine and the values in
-    ``errors`` and ``expected``. ``reversal`` holds the difference approach in + minus approach in -
-    of the functions in ``errors``, zero at the first position, where out-and-back data give it.
-    ``setups`` holds the state of each setup (mirror tilt, drift, repeatability). The members from
-    ``survey`` on are optional, and None where a result does not contain them. ``source`` names the
-    result in messages and is not written.
+    ``errors`` contains the mean of both directions by ISO 230-1 name (EXX .. EZZ in um; EAX .. ECZ
+    in urad where known). ``expected`` contains the likely values of the unmeasured angular
+    functions, from the closure of the readings. The displacement functions are estimated with these
+    values. ``posterior`` contains the possible differences between machine and result. ``reversal``
+    contains the difference approach in + minus approach in - of the functions in ``errors``, zero
+    at the first position, if out-and-back data exist. ``setups`` contains mirror tilt, drift and
+    repeatability of each setup. The members from ``survey`` on are optional, and None if missing.
+    ``source`` is the name of the result in messages and is not written.
     """
 
     volume: Volume
@@ -147,9 +139,9 @@ class Result:
     history: tuple[Finding, ...] | None = None
     """Findings about past events of the recording that have no effect now."""
     volumetric_u_um: float | None = None
-    """Standard uncertainty of the error vector over the volume (rms)."""
+    """Root mean square over the volume of the standard uncertainty of the error vector."""
     predicted: Predicted | None = None
-    """The predicted error of the volume, before and after an ideal compensation."""
+    """Predicted error of the volume before and after an ideal compensation."""
     fit: Fit | None = None
     scale_sum_um: Length | None = None
     scale_misclosure_um: Length | None = None
@@ -163,20 +155,18 @@ class Result:
     head_straightness: dict[str, HeadStraightness] | None = None
     budget: Budget | None = None
     coverage: dict[str, CoverageFactor] | None = None
-    """Coverage factors for 95 % by function or number, where the factor differs from about 2."""
+    """Coverage factors for 95 % by function or number, for factors that differ from about 2."""
     standards: dict[str, tuple[StandardFigures, ...]] | None = None
     monte_carlo: MonteCarlo | None = None
     sources: tuple[Source, ...] | None = None
-    """The files from which the result was solved."""
     tolerance: dict[str, float] | None = None
-    """The tolerances by quantity: the largest magnitudes allowed (`base.conformity`)."""
+    """Largest permitted magnitudes by quantity (`base.conformity`)."""
     conformity: Conformity | None = None
     source: str = "result"
 
     def knows(self, name: str) -> bool:
-        """Return whether the survey identifies a function or a squareness, by its ISO 230-1
-        name.
-        """
+        """Return whether the survey identifies a function or a squareness with this ISO 230-1
+        name."""
         found = self.errors.get(name) or self.squareness.get(name)
         return found is not None and found.value is not None
 
@@ -185,8 +175,8 @@ class Result:
         shapes (3,) in um.
 
         The error is relative to the low corner of the volume (`base.result.prediction.errors_at`).
-        U is None where the result has no posterior. Raises UsageError for a point outside the
-        measured volume, where no function has a value.
+        U is None for a result without a posterior. Raises UsageError for a point outside the
+        measured volume.
         """
         from stepdiag.base.result.prediction import errors_at
 
@@ -206,8 +196,6 @@ class Result:
         return found_at.error_um[0], None if found_at.u_um is None else 2.0 * found_at.u_um[0]
 
     def _repr_html_(self) -> str:
-        """Return squareness, scale and volumetric error with U (k = 2) as a table for a
-        notebook."""
         numbers = [
             (name, one.value, one.u, one.unit)
             for part in (self.squareness, self.scale)
@@ -240,8 +228,8 @@ class Result:
         return f"<table>{head}{body}</table>"
 
     def to_json(self) -> str:
-        """Return the JSON of contract 4: fixed key order, two-space indent, LF, rounded to
-        `DECIMALS`; same bytes for the same result."""
+        """Return the JSON of contract 4, rounded to `DECIMALS`. The same result gives the same
+        bytes."""
         document = {
             "format": FORMAT,
             "version": FORMAT_VERSION,
@@ -284,7 +272,7 @@ MEMBERS = {
     each.name: each.type
     for each in _FIELDS[[each.name for each in _FIELDS].index("survey") : -1]
 }
-"""The optional members of a result, by their names, each with its type."""
+"""The optional members of a result and their types."""
 _ENTRIES = (
     "format",
     "version",
@@ -301,13 +289,12 @@ _ENTRIES = (
     "findings",
     "posterior",
 )
-"""The members of a result's JSON besides the optional members, by their names."""
+"""Names of the members that every result contains."""
 
 
 def same_result(one: bytes, other: bytes) -> bool:
-    """Return whether two ``result.json`` are equal except for the tenth of a nanometre by which two
-    processors may differ.
-    """
+    """Return whether two ``result.json`` are equal within the 0.1 nm by which two processors can
+    differ."""
     try:
         first, second = json.loads(one), json.loads(other)
         shape, other_shape = first.pop("posterior", None), second.pop("posterior", None)
@@ -347,7 +334,6 @@ def _function_json(function: Function) -> dict[str, Any]:
 
 
 def _rounded(value: Any) -> Any:
-    """Return JSON types with every float in them rounded."""
     if type(value) is float:  # nearly all values are floats
         return steady(value, DECIMALS)
     if isinstance(value, Mapping):
@@ -364,8 +350,8 @@ def _rounded(value: Any) -> Any:
 
 
 def result_in(path: Path, source: str = "") -> Result:
-    """Return the result in a file; error messages name the result ``source`` (if empty, the name of
-    the file).
+    """Return the result in a file. ``source`` is the name of the result in messages, by default the
+    file name.
 
     Raises UsageError or DataError for a file that is missing, altered or not a result.
     """
@@ -375,8 +361,8 @@ def result_in(path: Path, source: str = "") -> Result:
 def parse_result(text: str, source: str = "result.json") -> Result:
     """Return the result written by ``Result.to_json``.
 
-    Raises ``DataError`` that names the field for a result of another format or version. Of versions
-    1 and 2 an unknown or damaged member is left out.
+    Raises ``DataError`` with the wrong field for a result of another format or version. In versions
+    1 and 2, unknown or damaged members are ignored.
     """
     root = load_json(text, source)
     root.equals("format", FORMAT)
@@ -423,9 +409,8 @@ def parse_result(text: str, source: str = "result.json") -> Result:
 
 
 def _as_now(document: dict[str, Any]) -> dict[str, Any]:
-    """Return a document of version 1 or 2 in the form of version 3: results of the closed forms
-    contained numbers of passes, and a sum of scales without u.
-    """
+    """Return a document of version 1 or 2 in the form of version 3. Results of the closed forms
+    contain numbers of passes, and a sum of scales without u."""
     setups, total = document.get("setups"), document.get("scale_sum_um")
     if isinstance(setups, dict):
         setups = {name: _with_passes(report) for name, report in setups.items()}

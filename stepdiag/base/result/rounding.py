@@ -1,35 +1,31 @@
-"""Rounding for files that must have the same bytes on every computer."""
+"""Rounding for files with the same bytes on every computer."""
 
 from collections.abc import Mapping
 from typing import Any
 
 ANOTHER_PROCESSOR = 1e-4
-"""Difference in um and urad below which two results count as equal: a tenth of a nanometre, below
-every measurement and every control's resolution.
-"""
+"""Difference in um or urad below which two results count as equal: 0.1 nm is below every
+measurement and below the resolution of every control."""
 _SLACK = 3
-"""Number of further decimals to which a number is rounded first, to remove the last bits of a sum.
-"""
+"""Number of further decimals of the first rounding, which removes the last bits of a sum."""
 
 
 def steady(value: float, decimals: int) -> float:
     """Return ``value`` rounded to ``decimals``, never a negative zero; a tie is rounded in the same
     direction on every processor.
 
-    Numbers computed from a few exact numbers are often ties (the middle of two nodes). Without the
-    first rounding, the last bits of a sum would decide the rounding of a tie, and they differ
-    between processors.
+    Numbers computed from a few exact numbers are often ties (for example the middle of two nodes).
+    The last bits of a sum differ between processors and would decide the rounding of a tie.
     """
     return round(round(value, decimals + _SLACK), decimals) + 0.0
 
 
 def same_but_for_rounding(one: Any, other: Any, decimals: int) -> bool:
-    """Return whether two JSON values differ at most by `ANOTHER_PROCESSOR` or by one in the last of
-    ``decimals``, and in no other way.
+    """Return whether two JSON values differ only in numbers, by at most `ANOTHER_PROCESSOR` or one
+    unit in the last of ``decimals``.
 
-    The kernels of numpy's products change the last bits of a number. Readings that hardly separate
-    two unknowns amplify this change, and near the limit between two roundings it changes the
-    rounded number: no rounding prevents this.
+    The last bits of a matrix product differ between processors. Readings that hardly separate two
+    unknowns amplify this difference, so the rounded number can differ.
     """
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         return list(one) == list(other) and all(

@@ -1,6 +1,5 @@
-"""Stretches of an axis where tables help or could harm: the prediction section by section, with the
-draws of the whole volume.
-"""
+"""Stretches of an axis in which tables reduce or increase the error, by the draws of the whole
+volume."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,18 +15,16 @@ from stepdiag.base.volume import Vector, Volume
 
 MOST_CELLS, MOST_STRETCHES = 10, 10
 FEWEST = 8
-"""Number of points over which one mean square of the error is taken."""
+"""Number of points over which one mean square of the error is computed."""
 CLEARLY, LEAST_UM = 1.02, 0.1
-"""The error after compensation must exceed the error before by this factor and by this many um: a
-smaller increase comes from the rounding of tables.
-"""
+"""Smallest increase of the error after compensation, as a factor and in um, that counts as harm:
+the rounding of tables causes smaller increases."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stretch:
-    """A stretch of an axis, for all positions of the other axes. The length of the error vector in
-    the stretch (rms, rigid motion removed), in um, is given without and with the tables.
-    """
+    """A stretch of an axis, for all positions of the other axes, with the length of the error
+    vector in the stretch (rms, rigid motion removed, um) without and with the tables."""
 
     axis: str
     low_mm: float
@@ -37,18 +34,18 @@ class Stretch:
 
     @property
     def times(self) -> float:
-        """Return the factor by which the error vector grows in the stretch."""
+        """Return the error with the tables divided by the error without tables."""
         return self.after.value_um / max(self.before.value_um, 1e-9)
 
 
 def harmed(
     result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0
 ) -> list[Stretch]:
-    """Return the stretches in which the machine's predicted error, up to the interval's end, is
-    larger with a correction (N, 3) than without.
+    """Return the stretches in which a correction (N, 3) increases the predicted error, up to the
+    upper end of the interval.
 
-    Arguments as in `solver.result.prediction.predicted`. Neighbouring cells are one stretch. The
-    worst stretch comes first, and its points are left out of the stretches of other axes.
+    Arguments as in `solver.result.prediction.predicted`. Neighbouring cells form one stretch. The
+    worst stretch comes first; its points are left out of the stretches of other axes.
     """
     before, after = squares_um2(result, points_mm, correction_um, beside_um)
     open_points = np.ones(len(points_mm), dtype=np.bool_)
@@ -69,9 +66,6 @@ def harmed(
 def _candidates(
     volume: Volume, points_mm: Vector, before: Vector, after: Vector, among: NDArray[np.bool_]
 ) -> Iterator[tuple[Stretch, NDArray[np.bool_]]]:
-    """Yield the stretches of every axis in which all points of ``among`` get worse, each with the
-    points in it.
-    """
     for axis, letter in enumerate(AXES):
         cells = min(volume.increments, MOST_CELLS)
         edges = volume.origin_mm[axis] + volume.size_mm[axis] * np.arange(cells + 1) / cells
@@ -114,7 +108,6 @@ def _worse(before: Interval, after: Interval) -> bool:
 
 
 def _runs(flags: list[bool]) -> list[tuple[int, int]]:
-    """Return the first and the last index of every run of set flags."""
     runs: list[tuple[int, int]] = []
     for place in (number for number, flag in enumerate(flags) if flag):
         if runs and runs[-1][1] == place - 1:

@@ -1,9 +1,8 @@
-"""The typed members of a result's JSON: frozen dataclasses, written by their fields and read by
-their annotations.
+"""Frozen dataclasses for the members of a result's JSON.
 
-A member has its field's name in the JSON, unless its annotation states another (`Named`). An
-`OPTIONAL` member is left out at its default; the entries of a mapping marked `BESIDE` are written
-among the other members, without an object of their own.
+A member has the name of its field unless its annotation contains another name (`Named`). An
+`OPTIONAL` member is left out if it has its default value. The entries of a mapping marked `BESIDE`
+are written directly among the other members.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,7 +24,6 @@ _ABSENT = object()
 
 
 def _words(node: Node) -> Words:
-    """Return a message; or the unchanged text, in a result of an older or another version."""
     return (
         node.word()
         if isinstance(node.value, str)
@@ -52,10 +50,6 @@ class Named:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Member:
-    """A member of a dataclass: its field, its name in the JSON, its type and the further facts of
-    its annotation.
-    """
-
     field: Field[Any]
     name: str
     kind: Any
@@ -75,7 +69,7 @@ def _members(kind: Any) -> tuple[_Member, ...]:
 
 
 def written(value: Any) -> Any:
-    """Return a value with every dataclass in it as an object of the JSON."""
+    """Return a value with its dataclasses converted to JSON objects."""
     if isinstance(value, Finding):
         return value.as_json()
     if isinstance(value, Message):
@@ -96,13 +90,13 @@ def written(value: Any) -> Any:
 
 
 def read(node: Node, kind: Any) -> Any:
-    """Return a value of the type ``kind``: a dataclass, a mapping, a tuple, a choice, a number, a
-    text or a truth, or None.
+    """Return a JSON value as the type ``kind``: a dataclass, mapping, tuple, choice, number, text,
+    bool or None.
 
-    A mapping whose names are a choice must have all names of the choice. A strict node refuses
-    (``DataError``) the first field that is unknown, missing or of another type. A node that is not
-    strict leaves out unknown names, damaged entries of mappings, and damaged members that have a
-    default or may be None or empty.
+    A mapping whose keys are a choice must contain every key of the choice. A strict node raises
+    ``DataError`` for the first field that is unknown, missing or of another type. A node that is
+    not strict ignores unknown names, damaged entries of mappings, and damaged members that may be
+    missing.
     """
     if kind in _LEAVES:
         return _LEAVES[kind](node)
@@ -158,9 +152,6 @@ def _object(node: Node, kind: Any) -> Any:
 
 
 def _empty(node: Node, name: str, kind: Any) -> Any:
-    """Return the replacement of a damaged member without a default. Raises ``DataError`` if there
-    is no replacement.
-    """
     origin = get_origin(kind)
     if origin in (Union, UnionType):
         return None

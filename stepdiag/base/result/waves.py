@@ -1,6 +1,5 @@
-"""Waves of a function that are too short to show in its values: their possible size between the
-targets.
-"""
+"""Waves of an error function that are too short for its targets: their possible size between the
+targets."""
 
 from collections.abc import Mapping
 
@@ -13,65 +12,53 @@ from stepdiag.base.volume import Vector, rms
 
 CURVED = 22.0
 """Difference between a function and the smooth curve through its values at n + 1 targets, divided
-by shape / n^3 (both root mean squares over the travel). Measured on drawn functions: sums of five
-half waves whose size falls with their number.
-"""
+by shape / n^3 (both root mean squares over the travel). Computed from drawn functions: sums of five
+half waves whose size decreases with their number."""
 SHORTEST = 0.5
-"""Standard deviation of the logarithm of an arch's height for waves hardly longer than two
-increments. Drawn functions of five half waves on five increments differ on average by a factor of
-1.3 from the size predicted by their values.
-"""
+"""Standard deviation of the logarithm of an arch's height for waves of about two increments. Drawn
+functions of five half waves on five increments differ on average by a factor of 1.3 from the size
+predicted by their values."""
 HARMFUL = 0.42
-"""Largest share of a function that the smooth curve through its values may fail to show; more than
-three and a half waves on ten increments exceed it.
-"""
+"""Largest share of a function that may be missing in the smooth curve through its values; more than
+three and a half waves on ten increments exceed it."""
 LEAST_VALUES = 8
-"""A function needs more values than this before its waves can be separated from its bends: fewer
-values have too few fourth differences, and five increments would nearly always be called too
-coarse.
-"""
+"""Number of values above which the waves of a function can be separated from its bends. Fewer
+values have too few fourth differences: five increments would nearly always be reported as too
+coarse."""
 FINEST_MM = 1e-3
 """Distance in mm below which a position counts as a node."""
 _SURE = 2.0
-"""Factor by which a wave between the values may exceed the predicted size before it counts as
-unexpected.
-"""
+"""Ratio of a wave between the values to its predicted size above which the wave is unexpected."""
 FEW_VALUES = 6
-"""Up to this number of values, the waves of a function cannot be separated from its bends: the
-logarithm of the size is then half the measured one and half the usual one.
-"""
+"""Number of values up to which the waves of a function cannot be separated from its bends. The
+logarithm of the size is then the mean of the measured and the usual logarithm."""
 OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
-"""By number of values: factor by which drawn functions of five half waves differ more from the
-smooth curve than so few values show, because their waves are no longer than two increments.
-"""
+"""Factor by number of values: drawn functions of five half waves differ from the smooth curve by
+this factor more than so few values show, because their waves are not longer than two increments."""
 _AT_ENDS = 4.3
 """Sum of the squared differences between waves and their spline in the four end cells, in squares
 of the difference between the waves and a parabola through three values. The spline differs from
 waves by 1.34 times that difference in the first cell from either end, and by 0.59 times in the
-second (computed for waves of 2.2 to 5 increments).
-"""
+second cell (computed for waves of 2.2 to 5 increments)."""
 _SEEN, _ALIASED = 0.6, 0.45
-"""Cosines of half the turn of a wave from value to value. Waves down to 3.4 increments appear with
-their true length; a wave that appears shorter than 2.85 increments may be shorter than two, which
-the spline cannot show.
-"""
+"""Cosines of half the phase step of a wave from value to value. Waves down to 3.4 increments appear
+with their true length. A wave that appears shorter than 2.85 increments can be shorter than two
+increments, which a spline does not show."""
 _UNSEEN = 1.2
-"""Factor for functions with waves shorter than two increments: they differ more from the smooth
-curve than a parabola through three values does, because drawn functions are less certain at their
-ends.
-"""
+"""Factor for functions with waves shorter than two increments: drawn functions are less certain at
+their ends, and differ more from the smooth curve than from a parabola through three values."""
 _BENT, _BENT_TWICE = 6.0, 70.0
-"""Variances of the second and of the fourth difference of independent values, divided by the
-variance of the values.
-"""
+"""Variances of the second and the fourth difference of independent values, divided by the variance
+of the values."""
 
 
 def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
-    """Return the size of hidden waves between the targets of each displacement function: by finer
-    runs of the positioning function of its axis, or without such runs, of the others' axes.
+    """Return the size of hidden waves between the targets of each displacement function, from finer
+    runs of the positioning function of its axis, or without such runs, from those of the other
+    axes.
 
-    A screw's pitch moves the carriage sideways too. The size of this sideways motion is not
-    measured, so the returned sizes are only usual sizes.
+    The pitch of a screw also moves the carriage sideways. No run measures this sideways motion, so
+    the returned sizes are usual sizes.
     """
     seen = {}
     for name in POSITIONING:
@@ -90,10 +77,9 @@ def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
 
 
 def _beside_its_values_um(function: Function, nodes_mm: Vector) -> float | None:
-    """Return by how much a function, in the middle between two nodes (rms), differs from the smooth
-    curve through its values at the nodes, beyond the amount expected from the values and their
-    noise; None without measurements between the nodes.
-    """
+    """Return the rms difference between a function in the middle between two nodes and the smooth
+    curve through its values at the nodes, less the difference expected from the values and their
+    noise; None without measurements between the nodes."""
     at_mm, value = function.position_mm, function.value
     off = np.min(np.abs(at_mm[:, None] - nodes_mm), axis=1) > FINEST_MM
     if value is None or not np.any(off) or len(nodes_mm) < 3:
@@ -120,9 +106,8 @@ def noise_um_of(function: Function) -> float:
 
 
 def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
-    """Return the functions whose waves are hardly longer than two increments, so that they are
-    unknown between the targets.
-    """
+    """Return the functions whose waves are hardly longer than two increments: their values between
+    the targets are unknown."""
     names = []
     for name in DISPLACEMENTS:
         value = evenly_spaced(errors[name])
@@ -134,9 +119,8 @@ def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
 
 
 def hiding_functions(errors: Mapping[str, Function]) -> dict[str, float]:
-    """Return the functions with possible waves between their targets that could cancel the gain of
-    a table, each with the size of these waves in um, from finer runs of other functions.
-    """
+    """Return the functions whose possible waves between the targets exceed the gain of a table,
+    each with the size of these waves in um, from finer runs of other functions."""
     shown = shown_finer_um(errors)
     return {
         name: shown[name]
@@ -153,11 +137,7 @@ def _shape_um(value: Vector) -> float:
 
 def evenly_spaced(function: Function) -> Vector:
     """Return the values of a function at equally spaced positions, at most as far apart as its own
-    positions; an empty array for a function without values.
-
-    Bends show the length of waves only at such positions, and a few closer positions do not improve
-    it elsewhere.
-    """
+    positions; an empty array for a function without values."""
     at = function.position_mm
     if function.value is None or len(at) < 2:
         return np.zeros(0)
@@ -165,16 +145,15 @@ def evenly_spaced(function: Function) -> Vector:
 
 
 def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
-    """Return by how much a function differs from the smooth curve in the middle between two of its
-    values (rms), from the bends of the values, and the standard deviation of the logarithm of this
-    amount.
+    """Return the rms difference between a function and the smooth curve in the middle between two
+    of its values, computed from the bends of the values, and the standard deviation of the
+    logarithm of this difference.
 
-    A wave that turns by w from value to value has second differences of 4 sin^2(w/2) and fourth
-    differences of the square of this factor: the ratio gives w. With c = cos(w/2) the wave differs
-    from the spline of the predictions (`solver.result.field.Smoothed`) by (1 - c)^2 (2 - c) / (2 +
-    4 c^2), and a parabola through three values by (1 - c)^2 (1 + c/2), both times its size; the
-    latter is used at the ends, and for waves that may be shorter than they appear. Waves of nearly
-    two increments appear longer than they are.
+    A wave with the phase step w from value to value has second differences of 4 sin^2(w/2) and
+    fourth differences of the square of this factor: their ratio gives w. With c = cos(w/2), the
+    wave differs from the spline of the predictions (`solver.result.field.Smoothed`) by (1 - c)^2 (2
+    - c) / (2 + 4 c^2), and from a parabola through three values by (1 - c)^2 (1 + c/2), both times
+    its size. The parabola is used at the ends, and for waves that can be shorter than they appear.
     """
     bent = np.sqrt(max(rms(np.diff(value, n=2)) ** 2 - _BENT * noise_um**2, 0.0))
     if bent == 0.0 or len(value) < 5:

@@ -16,17 +16,16 @@ WIDTH, HEIGHT = 460.0, 250.0
 INTERVALS = 5
 """Smallest distance in px between the marks of an axis, before rounding."""
 NEAR_PX = 6.0
-"""Largest distance in px between a pointer and a node at which the value of the node is shown."""
+"""Largest distance in px between the pointer and a node at which the value of the node appears."""
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 20.0, 14.0, 38.0
 LETTER_PX = 9.2
-"""Size of the legend's letters in print, where three drawings stand side by side and letters must
-be half as large again.
-"""
+"""Size of the legend's letters in print: with three drawings side by side, letters must be half as
+large again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Series:
-    """A line of a chart: ``x``, ``y`` and the standard uncertainty ``u`` (k = 1; NaN or None where
+    """A line of a chart: ``x``, ``y`` and the standard uncertainty ``u`` (k = 1; NaN or None if
     unknown)."""
 
     label: str
@@ -37,15 +36,12 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """A data range mapped to a range of pixels."""
-
     low: float
     high: float
     start: float
     end: float
 
     def __call__(self, value: float) -> float:
-        """Return the pixel that represents a value."""
         return self.start + (value - self.low) / (self.high - self.low) * (
             self.end - self.start
         )
@@ -83,7 +79,6 @@ def _label(value: float, step: float) -> str:
 
 
 def _frame(horizontal: Scale, vertical: Scale, x_label: str, y_label: str) -> list[str]:
-    """Return the grid, the ticks and the titles of both axes."""
     parts: list[str] = []
     for scale, is_x in ((horizontal, True), (vertical, False)):
         marks = [
@@ -170,9 +165,6 @@ def _chart_line(series: Series, horizontal: Scale, vertical: Scale, order: int) 
 def _values(
     series: Series, horizontal: Scale, vertical: Scale, x_label: str, y_label: str
 ) -> list[str]:
-    """Return the texts for a line's nodes under the pointer: the name of the line, both values with
-    their units, and U if known.
-    """
     (x_name, x_unit), (y_name, y_unit) = (
         label.partition(" / ")[::2] for label in (x_label, y_label)
     )
@@ -208,8 +200,7 @@ def _legend(series: Sequence[Series]) -> list[str]:
 
 def line_chart(series: Sequence[Series], *, label: str, x_label: str, y_label: str) -> str:
     """Return a drawing of lines with dots at the nodes and their bands at k = 2; NaN values are
-    left out.
-    """
+    left out."""
     reaches = [
         s.y + sign * COVERAGE * np.nan_to_num(s.u)
         for s in series

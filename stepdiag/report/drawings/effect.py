@@ -1,6 +1,5 @@
 """Drawings in separate files, SVG or HTML: the volume before and after compensation on one scale,
-and charts on one sheet.
-"""
+and sheets of charts."""
 
 from collections.abc import Sequence
 from importlib.resources import files
@@ -28,9 +27,9 @@ _TITLE = 24.0
 def effect_drawing(prediction: Prediction, reach: Reach, language: Language) -> str:
     """Return the picture of the effect of tables as SVG markup.
 
-    ``prediction`` holds the error at ``space.LATTICE`` points per axis for the drawing: the
-    measured error, less the correction of the tables. ``reach`` holds the intervals for the text
-    over the drawings: only these intervals include the errors that the readings do not show.
+    ``prediction`` contains the measured error less the correction of the tables at
+    ``space.LATTICE`` points per axis. ``reach`` contains the intervals for the text above the
+    drawings; the intervals also include the errors that the readings do not show.
     """
     shown = prediction.picture()
     fields = [np.array(shown["before_um"]), np.array(shown["after_um"])]
@@ -74,8 +73,7 @@ def effect_drawing(prediction: Prediction, reach: Reach, language: Language) -> 
 
 def sheet(drawings: Sequence[str], title: str, suffix: str, language: Language) -> str:
     """Return a sheet with charts of `stepdiag.report.drawings.charts` below each other under a
-    title; ``suffix`` is one of `SUFFIXES`.
-    """
+    title; ``suffix`` is one of `SUFFIXES`."""
     parts = [
         svg.element(
             "rect", width="100%", height="100%", style="fill: var(--paper); stroke: none"
@@ -95,8 +93,7 @@ def sheet(drawings: Sequence[str], title: str, suffix: str, language: Language) 
 
 def drawing_file(drawing: str, suffix: str, title: str, language: Language) -> str:
     """Return a drawing as a separate file: SVG, or an HTML page in which a 3-D drawing can be
-    turned. ``suffix`` is one of `SUFFIXES`.
-    """
+    turned. ``suffix`` is one of `SUFFIXES`."""
     style = _part("report.css") + ".figure { max-width: none; }"
     if suffix == ".svg":
         head, rest = drawing.split(">", 1)

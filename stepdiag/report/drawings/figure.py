@@ -11,15 +11,13 @@ from stepdiag.base.result.rounding import steady
 
 DECIMALS = 9
 """Number of decimals in a CSV: below the resolution of any instrument, but without the last bits of
-a sum, which differ between processors.
-"""
+a sum, which differ between processors."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
     """A drawing (SVG) and its numbers (CSV); ``name`` is the stem of the CSV file and, without
-    spaces, an id.
-    """
+    spaces, an id."""
 
     name: str
     title: str
@@ -29,8 +27,7 @@ class Figure:
 
 def csv_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """Return columns as CSV with LF line ends; numbers rounded to `DECIMALS`, NaN and None as empty
-    fields.
-    """
+    fields."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(header)
@@ -40,7 +37,6 @@ def csv_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
 
 def data_link(table: str) -> str:
-    """Return an HTML link whose address contains a CSV."""
     return "data:text/csv;charset=utf-8;base64," + base64.b64encode(table.encode()).decode()
 
 

@@ -1,4 +1,4 @@
-"""The figures of the report, each from a result: error functions, error field, closure."""
+"""The figures of the report from a result: error functions, error field, closure."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,14 +16,11 @@ from stepdiag.texts.texts import UNITS
 
 Correction = Callable[[Vector], Vector]
 """A function from commanded points (N, 3) in mm to the displacement of the tool by the control's
-tables, (N, 3) in um.
-"""
-"""Units of the result, each as a person reads it."""
+tables, (N, 3) in um."""
 
 
 def function_figures(result: Result, words: dict[str, str]) -> list[Figure]:
-    """Return a figure of every identified function, displacements first, in the order of the
-    axes."""
+    """Return one figure per identified function, displacements first, in the order of the axes."""
     names = [name for name in (*DISPLACEMENTS, *ROTATIONS) if result.knows(name)]
     return [_function_figure(name, result, words) for name in names]
 
@@ -52,9 +49,6 @@ def _function_figure(name: str, result: Result, words: dict[str, str]) -> Figure
 def _function_lines(
     function: Function, reversal: Function | None, words: dict[str, str]
 ) -> list[Series]:
-    """Return the lines of a function: the mean of both directions with its band, and the two
-    directions if the data give them.
-    """
     assert function.value is not None
     mean = Series(label=words["mean"], x=function.position_mm, y=function.value, u=function.u)
     if (
@@ -83,9 +77,8 @@ def field_statistics(errors_um: Vector) -> tuple[float, float]:
 def volumetric_errors(
     result: Result, correction: Correction | None, count: int
 ) -> list[Vector]:
-    """Return the error before a correction and, if a correction is given, after it, rigid motion
-    removed, each (count**3, 3) in um.
-    """
+    """Return the error before and, with a correction, after compensation, rigid motion removed,
+    each (count**3, 3) in um."""
     points = space.lattice_mm(result.volume, count)
     before = error_field_um(result, points)
     fields = [before] if correction is None else [before, before + correction(points)]
@@ -95,9 +88,8 @@ def volumetric_errors(
 def field_figures(
     result: Result, correction: Correction | None, words: dict[str, str]
 ) -> list[Figure]:
-    """Return a figure of the error field before a correction and, if one is given, after it: with
-    the same magnification and the same colours.
-    """
+    """Return a figure of the error field before and, with a correction, after compensation, with
+    the same magnification and colours."""
     fields = volumetric_errors(result, correction, space.LATTICE)
     longest = max(field_statistics(field)[1] for field in fields)
     points = space.lattice_mm(result.volume)
@@ -131,9 +123,8 @@ def field_figures(
 
 
 def closure_figures(result: Result, words: dict[str, str]) -> list[Figure]:
-    """Return the figure of the closure residual ppp - npp - pnp - ppn by axis and node; none if the
-    result does not contain the residual.
-    """
+    """Return the figure of the closure residual ppp - npp - pnp - ppn by axis and node; none for a
+    result without the residual."""
     closure = result.closure_um
     if closure is None:
         return []
@@ -164,9 +155,8 @@ def field_of(result: Result, correction: Correction | None) -> dict[str, Any] | 
     """Return lattice points in mm, and the error at these points in um, rigid motion removed:
     before a correction, and after it (None without a correction).
 
-    None where an axis did not travel, because there is no volume to draw.
-
-    ``longest_um`` is the length of the longest vector, which scales both drawings.
+    None for a survey of less than three axes. ``longest_um`` is the length of the longest vector,
+    which scales both drawings.
     """
     if not result.volume.solid:
         return None

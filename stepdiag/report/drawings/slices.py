@@ -1,6 +1,5 @@
-"""The error field in slices: the error vectors in three planes of equal Z. An arrow shows the
-components in the plane, a shade the whole length.
-"""
+"""The error vectors in three planes of equal Z: an arrow shows the components in the plane, a shade
+the whole length."""
 
 import numpy as np
 
@@ -22,9 +21,8 @@ _LONGEST_PX = 16.0
 
 
 def slices_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label: str) -> str:
-    """Return a drawing of the planes at the lowest, middle and highest Z; ``errors_um`` has shape
-    (LATTICE**3, 3), the order of `lattice_mm`.
-    """
+    """Return a drawing of the planes at the lowest, middle and highest Z; ``errors_um`` has the
+    shape (LATTICE**3, 3) and the order of `lattice_mm`."""
     points = lattice_mm(volume).reshape(LATTICE, LATTICE, LATTICE, 3)
     errors = errors_um.reshape(LATTICE, LATTICE, LATTICE, 3)
     width = (WIDTH - _LEFT - 2 * _GAP) / 3
@@ -71,7 +69,7 @@ def _plane(
 
 
 def worst_point(volume: Volume, errors_um: Array) -> tuple[tuple[float, float, float], float]:
-    """Return the place of the largest error on the lattice, in mm, and its size in um."""
+    """Return the place of the largest error on the lattice in mm, and its size in um."""
     size = np.linalg.norm(errors_um, axis=1)
     index = int(np.argmax(size))
     x, y, z = lattice_mm(volume)[index].tolist()

@@ -1,6 +1,5 @@
-"""The error field of the volume in 3-D: a wire frame in parallel projection, suitable for print and
-for turning on a screen.
-"""
+"""The error field of the volume in 3-D: a wire frame in parallel projection, which can be printed
+or turned on a screen."""
 
 import json
 import math
@@ -17,14 +16,12 @@ from stepdiag.report.drawings import svg
 Array = NDArray[np.float64]
 
 AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0
-"""Angles of the view at first, in degrees: X to the right, Y into the sheet, Z up."""
+"""Initial angles of the view in degrees: X to the right, Y into the sheet, Z up."""
 WIDTH, HEIGHT, MARGIN = 460.0, 350.0, 52.0
 LATTICE = 5
 """Number of points per axis of the drawn lattice."""
 LONGEST_PX = 36.0
-"""Length of the longest error vector in the drawing in px; all errors are magnified by the same
-factor.
-"""
+"""Length in px of the longest error vector; all errors are magnified by the same factor."""
 SHADES = 5
 
 
@@ -50,9 +47,8 @@ def lattice_mm(volume: Volume, count: int = LATTICE) -> Array:
 
 
 class WireFrame:
-    """Points in space, in pixels about the middle of the volume, the lines between them, and their
-    labels for a pointer.
-    """
+    """Points in space in pixels about the middle of the volume, the lines between them, and their
+    labels for the pointer."""
 
     def __init__(self) -> None:
         self.points: list[tuple[float, float, float]] = []
@@ -70,8 +66,7 @@ class WireFrame:
 
     def markup(self) -> str:
         """Return the drawing of the frame, viewed from `AZIMUTH_DEG`, `ELEVATION_DEG`, with the
-        data that a script needs to turn the view.
-        """
+        data for a script that turns the view."""
         flat = np.array(self.points) @ view_matrix().T
         at = [(WIDTH / 2 + x, HEIGHT / 2 - y) for x, y in flat.tolist()]
         parts = [
@@ -103,7 +98,6 @@ class WireFrame:
 
 
 def _px_per_mm(volume: Volume) -> float:
-    """Return the scale at which the volume fits on the sheet from every direction of view."""
     diagonal = float(np.linalg.norm(volume.size_mm))
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * np.asarray(volume.size_mm)
     reach = 2 * np.abs(corners @ view_matrix().T).max(axis=0)
@@ -115,7 +109,6 @@ def _px_per_mm(volume: Volume) -> float:
 
 
 def _add_box(frame: WireFrame, size_px: Array) -> None:
-    """Add the edges of the volume, and the names of its axes beyond the ends of the edges."""
     corners = (
         np.array([[(corner >> axis) & 1 for axis in range(3)] for corner in range(8)]) - 0.5
     )
@@ -130,9 +123,6 @@ def _add_box(frame: WireFrame, size_px: Array) -> None:
 
 
 def _lattice_lines(count: int) -> Iterator[tuple[int, int]]:
-    """Yield the pairs of neighbouring points along the grid lines on the outer faces of the
-    lattice.
-    """
     index = np.arange(count**3).reshape(count, count, count)
     for axis in range(3):
         along = np.moveaxis(index, axis, 2)
@@ -142,9 +132,6 @@ def _lattice_lines(count: int) -> Iterator[tuple[int, int]]:
 
 
 def vector_words(point_mm: Sequence[float], error_um: Sequence[float]) -> str:
-    """Return the text for a point of the lattice under the pointer: its place, the error vector and
-    its length.
-    """
     place, parts = (
         "; ".join(f"{value:.0f}" for value in point_mm),
         "; ".join(svg.fixed(value) for value in error_um),
@@ -158,7 +145,6 @@ def shade(magnitude: float, longest: float) -> int:
 
 
 def magnification(volume: Volume, longest_um: float) -> float:
-    """Return the magnification of the errors in a drawing."""
     return LONGEST_PX / (longest_um * 1e-3 * _px_per_mm(volume)) if longest_um > 0 else 0.0
 
 
@@ -166,8 +152,8 @@ def field_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label:
     """Return a drawing of the lattice at the places that the machine really reaches, with magnified
     errors.
 
-    ``errors_um`` has shape (LATTICE**3, 3), the order of `lattice_mm`; ``longest_um`` determines
-    magnification and colours, so drawings with the same ``longest_um`` can be compared.
+    ``errors_um`` has the shape (LATTICE**3, 3) and the order of `lattice_mm`. ``longest_um``
+    determines magnification and colours, so drawings with the same ``longest_um`` can be compared.
     """
     px_per_mm = _px_per_mm(volume)
     frame = WireFrame()
@@ -193,7 +179,6 @@ def field_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label:
 
 
 def _key(longest_um: float) -> list[str]:
-    """Return the colour key: a box per shade, with the error at the end of the shade."""
     left = WIDTH - 30.0 * SHADES - 10
     parts = [svg.text("µm", left - 6, HEIGHT - 8, class_="tick", text_anchor="end")]
     for index in range(SHADES):

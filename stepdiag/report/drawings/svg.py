@@ -1,6 +1,5 @@
 """SVG as text: every text escaped, every number rounded once, so that equal input gives equal
-bytes.
-"""
+bytes."""
 
 from collections.abc import Iterable
 from html import escape
@@ -14,9 +13,7 @@ def number(value: float) -> str:
 
 
 def fixed(value: float) -> str:
-    """Return a value as a person reads it: two decimals, the same on every processor, no negative
-    zero.
-    """
+    """Return a value with two decimals, the same on every processor, no negative zero."""
     return f"{steady(value, 2):.2f}"
 
 
@@ -41,7 +38,7 @@ def text(words: str, x: float, y: float, **attributes: str | float) -> str:
 
 
 def titled(words: str, tag: str, **attributes: str | float) -> str:
-    """Return an invisible element that shows ``words`` under the pointer."""
+    """Return an invisible element that shows ``words`` at the pointer."""
     return element(tag, element("title", escape(words)), class_="titled", **attributes)
 
 
@@ -52,9 +49,8 @@ def path(points: Iterable[tuple[float, float]], *, closed: bool = False) -> str:
 
 
 def drawing(width: float, height: float, label: str, *content: str) -> str:
-    """Return a complete drawing that takes the size of the space around it; ``label`` is the text
-    for a screen reader.
-    """
+    """Return a complete drawing that fills its container; ``label`` is the text for a screen
+    reader."""
     return element(
         "svg",
         element("title", escape(label)),

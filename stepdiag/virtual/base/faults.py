@@ -1,24 +1,21 @@
 """Scripted faults and their times.
 
     laser     beam-lost, laser-reset, laser-jump (value um), laser-frozen, laser-silent,
-    laser-unplug, laser-garbage (value bytes),
-              laser-baud
+              laser-unplug, laser-garbage (value bytes), laser-baud
     head      head-blocked, head-silent, head-unplug, head-garbage (value bytes), head-baud
     air       air-silent, air-unplug, air-garbage (value bytes), air-baud
     PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen,
-              plc-reboot (value other than 0: its counter is kept), plc-sensor (text name, value),
-              stop-flicker, plc-alarm
-    program   stop-skipped, stop-unsignalled, count-missed, count-doubled, count-stuck (to the end
-    of its pass),
-              axis-order (text such as "yxz"), feed-hold (half way to the stop, its duration in
-              machine seconds),
-              dwell-longer (so much longer at the stop, in machine seconds),
-              program-aborted (value: stops to go back before it is restarted; its duration in
-              machine seconds)
+              plc-reboot (value other than 0: its counter is kept),
+              plc-sensor (text name, value), stop-flicker, plc-alarm
+    program   stop-skipped, stop-unsignalled, count-missed, count-doubled,
+              count-stuck (to the end of its pass), axis-order (text such as "yxz"),
+              feed-hold (half way to the stop, its duration in machine seconds),
+              dwell-longer (additional machine seconds at the stop),
+              program-aborted (value: number of stops to go back before the restart; its
+              duration in machine seconds)
 
-A value below 0 for garbage means that this number of bytes is lost instead. A fault occurs once:
-``delay_s`` after the program reaches its place, or without a place ``delay_s`` after the start of
-the bench.
+A negative value for garbage is a number of lost bytes. A fault occurs once: ``delay_s`` after the
+program reaches its place, or without a place ``delay_s`` after the start of the bench.
 """
 
 import threading
@@ -69,9 +66,8 @@ PROGRAM = frozenset(get_args(ProgramFault))
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A fault. ``setup``, ``pass_number`` and ``stop`` name its place (None: any); its times are
-    wall seconds.
-    """
+    """A fault. ``setup``, ``pass_number`` and ``stop`` are its place (None: any); its times are
+    wall seconds."""
 
     kind: FaultKind
     setup: str | None = None
@@ -85,19 +81,15 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def placed(self) -> bool:
-        """Return whether the fault waits for a place in the program."""
         return not (self.setup is None and self.pass_number is None and self.stop is None)
 
     def is_at(self, setup: str, pass_number: int, stop: int) -> bool:
-        """Return whether the fault waits for this place."""
         wanted = ((self.setup, setup), (self.pass_number, pass_number), (self.stop, stop))
         return self.placed and all(mine is None or mine == here for mine, here in wanted)
 
 
 class FaultBoard:
-    """Arms faults at their places and passes the active faults to the devices. Several threads may
-    use a board.
-    """
+    """Arms faults at their places, and passes the active faults to the devices; thread-safe."""
 
     def __init__(self, faults: tuple[Fault, ...] = ()) -> None:
         self._lock = threading.Lock()
@@ -105,9 +97,8 @@ class FaultBoard:
         self._armed = [(fault.delay_s, fault) for fault in faults if not fault.placed]
 
     def inject(self, fault: Fault, wall_s: float) -> None:
-        """Have a fault occur ``delay_s`` after ``wall_s``; a fault with a place waits for this
-        place.
-        """
+        """Inject a fault ``delay_s`` after ``wall_s``; a fault with a place waits for this
+        place."""
         with self._lock:
             if fault.placed:
                 self._waiting.append(fault)
@@ -118,8 +109,7 @@ class FaultBoard:
         self, setup: str, pass_number: int, stop: int, phase: str, wall_s: float
     ) -> None:
         """Arm the faults that wait for this place. A fault of the program itself waits until the
-        program uses it.
-        """
+        program uses it."""
         with self._lock:
             for fault in [
                 f
@@ -132,7 +122,7 @@ class FaultBoard:
                 self._armed.append((wall_s + fault.delay_s, fault))
 
     def take(self, kind: FaultKind, setup: str, pass_number: int, stop: int) -> Fault | None:
-        """Return a fault of the program itself at this place, and remove it from the board."""
+        """Return a fault of the program at this place, and remove it from the board."""
         with self._lock:
             for fault in self._waiting:
                 if fault.kind == kind and fault.is_at(setup, pass_number, stop):
@@ -141,7 +131,6 @@ class FaultBoard:
         return None
 
     def active(self, kind: FaultKind, wall_s: float) -> Fault | None:
-        """Return the fault of this kind that is active at ``wall_s``."""
         with self._lock:
             for start_s, fault in self._armed:
                 if fault.kind == kind and start_s <= wall_s < start_s + fault.duration_s:
@@ -150,8 +139,7 @@ class FaultBoard:
 
     def spans(self, kind: FaultKind) -> list[tuple[float, float]]:
         """Return start and end of every armed fault of this kind, for devices that process their
-        samples in batches.
-        """
+        samples in batches."""
         with self._lock:
             return [
                 (start_s, start_s + fault.duration_s)
@@ -161,8 +149,7 @@ class FaultBoard:
 
     def due(self, kind: FaultKind, wall_s: float) -> list[Fault]:
         """Return the faults of this kind that occurred up to ``wall_s``, and remove them from the
-        board; for kinds without a duration.
-        """
+        board; for kinds without a duration."""
         with self._lock:
             struck = [
                 entry for entry in self._armed if entry[1].kind == kind and entry[0] <= wall_s

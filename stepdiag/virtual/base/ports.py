@@ -1,6 +1,5 @@
 """Lines of instruments: a real pseudo-terminal with a stable name, like a udev link, or a real TCP
-port.
-"""
+port."""
 
 import errno
 import fcntl
@@ -19,7 +18,7 @@ from stepdiag.virtual.base.reserved import reserved_port
 
 _KERNEL_BUFFER = 4095
 _UNREAD_S = 0.25
-"""Time in s after which a buffer that stays full means that no program reads the line."""
+"""Time in s for which a buffer is full before the line counts as a line without a reader."""
 
 
 class Line(Protocol):
@@ -53,8 +52,8 @@ class SerialLine:
     """The device's end of a pty; while the line is plugged in, ``link`` is a symbolic link to the
     other end.
 
-    A line without a reader is like a closed port: old bytes are discarded, so that a later reader
-    receives present bytes. A ``lossless`` line waits for its reader instead, for load tests.
+    A line without a reader discards old bytes like a closed port, so a later reader receives
+    present bytes. A ``lossless`` line (for load tests) waits for its reader instead.
     """
 
     def __init__(self, link: Path, *, lossless: bool = False) -> None:
@@ -68,16 +67,13 @@ class SerialLine:
 
     @property
     def name(self) -> str:
-        """Return the path of the symbolic link."""
         return str(self.link)
 
     @property
     def plugged(self) -> bool:
-        """Return whether the line exists at the moment."""
         return self._master >= 0
 
     def plug(self) -> None:
-        """Create the line, and the symbolic link that names it."""
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -97,11 +93,12 @@ class SerialLine:
         self._master = self._slave = -1
 
     def end(self) -> None:
-        """End every wait for a reader; another thread may call this."""
+        """End every wait for a reader; another thread may call this function."""
         self._ended.set()
 
     def write(self, data: bytes) -> None:
-        """Send bytes; those that do not fit are lost, unless the line is lossless."""
+        """Write bytes. A line that is not lossless loses the bytes that do not fit into its
+        buffer."""
         self._discard_unread()
         rest = memoryview(data)
         while rest and self.plugged:
@@ -113,7 +110,7 @@ class SerialLine:
                 select.select([], [self._master], [], 0.05)
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the bytes received from the other end within ``timeout_s``, possibly none."""
+        """Return the bytes received from the other end within ``timeout_s``."""
         if not self.plugged:
             time.sleep(timeout_s)
             return b""
@@ -149,8 +146,7 @@ class SerialLine:
 
 class TcpLine:
     """An instrument's TCP port on loopback: a single client at a time, the same port after
-    unplugging. Without a client, bytes are lost.
-    """
+    unplugging. Without a client, bytes are lost."""
 
     lossless = False
 
@@ -162,16 +158,13 @@ class TcpLine:
 
     @property
     def name(self) -> str:
-        """Return the address of the port in the form for a survey file."""
         return f"socket://127.0.0.1:{self._port}"
 
     @property
     def plugged(self) -> bool:
-        """Return whether the port exists at the moment."""
         return self._listener is not None
 
     def plug(self) -> None:
-        """Listen on the port."""
         self._listener = socket.create_server(("127.0.0.1", self._port))
         self._listener.setblocking(False)
 
@@ -186,9 +179,8 @@ class TcpLine:
         """Do nothing: a TCP port never waits for a reader."""
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the client; bytes without space in its buffer are lost, and its connection
-        is closed.
-        """
+        """Write bytes to the client. If they do not fit into its buffer, they are lost and the
+        connection is closed."""
         self._admit()
         rest = memoryview(data)
         while rest and self._guest is not None:
@@ -198,7 +190,7 @@ class TcpLine:
                 self._leave()
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the bytes received within ``timeout_s``, possibly none."""
+        """Return the bytes received within ``timeout_s``."""
         self._admit()
         waiting = [each for each in (self._guest, self._listener) if each is not None]
         if not waiting:
@@ -216,7 +208,6 @@ class TcpLine:
         return data
 
     def _admit(self) -> None:
-        """Accept a new client; the former client is disconnected."""
         if self._listener is None:
             return
         try:

@@ -8,9 +8,8 @@ def reserved_port() -> int:
     listener.
 
     A socket of this process is bound to the port and never listens. The kernel then assigns the
-    port to no other request for any port, neither for a server nor for the near end of a
-    connection; the listener uses SO_REUSEADDR, as servers do (socket(7)). Without this, on a busy
-    computer a port that was found free may be the near end of a connection a second later.
+    port to no other server or connection; the listener uses SO_REUSEADDR (socket(7)). Without a
+    reservation, another connection can take a free port within a second.
     """
     held = socket.socket()
     held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

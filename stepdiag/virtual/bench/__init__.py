@@ -1,5 +1,4 @@
-"""The bench: built completely from one settings file and run.
+"""The bench: machine, PLC and lasers, built from one settings file (TOML) and run.
 
-In: a TOML file. Out: a machine, a PLC and lasers that send. `__main__`, tests and the demo import
-this package.
+`__main__`, tests and the demo import this package.
 """

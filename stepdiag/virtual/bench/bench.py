@@ -46,9 +46,8 @@ from stepdiag.virtual.plc.plc import Plc
 
 _HEAD_CHUNK_S = 0.02
 _SEEN, _SEEN_MOVING_S = 0.8, 0.03
-"""Two limits for a patient machine: the share of a dwell during which it must be polled; and for a
-move, which may be shorter than a delay, the wall seconds.
-"""
+"""Two limits for a patient machine: the share of a dwell in which the recorder must poll, and, for
+a move, the wall seconds, because a move can be shorter than a delay of the recorder."""
 Tell = Callable[[dict[str, str]], None]
 
 
@@ -61,9 +60,9 @@ class _Worker(Protocol):
 class VirtualBench:
     """The whole bench on loopback; used in a ``with`` statement, or by `start` and `close`.
 
-    ``directory`` is the folder for serial lines with a relative link. ``tell`` is called from a
-    worker thread with an event at the beginning of a setup, when the program waits for its start,
-    and at its end.
+    ``directory`` is the folder for serial lines with a relative link. A worker thread calls
+    ``tell`` with an event at the beginning of a setup, while the program waits for its start, and
+    at its end.
     """
 
     def __init__(
@@ -95,17 +94,15 @@ class VirtualBench:
     @property
     def addresses(self) -> dict[str, str | int]:
         """Return the addresses of the devices: ``plc_host`` and ``plc_port`` or ``plc_link``,
-        ``laser_link``, ``head_link``, ``air_link``.
-        """
+        ``laser_link``, ``head_link``, ``air_link``."""
         return dict(self._addresses)
 
     def start(self) -> None:
-        """Start every device and the program."""
         for worker in self._workers:
             worker.start()
 
     def close(self) -> None:
-        """Stop every device. When this returns, all threads, sockets and ptys are closed."""
+        """Stop every device and close all threads, sockets and ptys."""
         for worker in reversed(self._workers):
             worker.close()
         self._workers.clear()
@@ -123,8 +120,7 @@ class VirtualBench:
         self.close()
 
     def start_setup(self, again: str = "") -> None:
-        """Begin the next setup, or first drive a named setup again, as the operator does at the
-        control.
+        """Begin the next setup, or drive the setup of this name again.
 
         Raises ValueError for a setup outside the program.
         """
@@ -138,7 +134,7 @@ class VirtualBench:
         )
 
     def inject(self, fault: Fault) -> None:
-        """Have a fault occur ``delay_s`` from now; a fault with a place waits for this place."""
+        """Inject a fault ``delay_s`` from now; a fault with a place waits for this place."""
         self._faults.inject(fault, self._clock.wall_s())
 
     def _add_plc(self, directory: Path) -> None:
@@ -219,13 +215,12 @@ class VirtualBench:
         )
 
     def _climate(self) -> Climate:
-        """Return the present values of air and material."""
         hall, now = self.machine.environment, np.array([self._clock.machine_s()])
         courses = (hall.air_c, hall.pressure_hpa, hall.humidity_percent, hall.material_c)
         return Climate(*(float(course.at(now)[0]) for course in courses))
 
     def _standing(self, wall_s: Array) -> Flags:
-        """Return whether the stop relay is closed at these wall times, shape (N,)."""
+        """Return whether the stop relay is closed at wall times, shape (N,)."""
         machine_s = wall_s * self._clock.scale
         closed = np.zeros(len(machine_s), dtype=np.bool_)
         for segment in self._player.span(float(machine_s[0]), float(machine_s[-1])):
@@ -301,9 +296,6 @@ class VirtualBench:
         return build_head_device(part, view.look)
 
     def _entered(self, segment: Segment) -> None:
-        """At the beginning of a setup: arm faults, set the laser to zero after the mirror has been
-        set up, and report the beginning.
-        """
         step, wall_s = segment.step, segment.start_s / self._clock.scale
         self._faults.reach(step.setup, step.pass_number, step.stop, step.kind, wall_s)
         if step.kind != "pause":

@@ -1,6 +1,5 @@
 """The machine, its set-ups and its devices, built from a configuration; this module starts no
-thread.
-"""
+thread."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -63,7 +62,6 @@ _LINE_RATE_HZ = 100.0
 
 
 def build_box(config: BenchConfig) -> Box:
-    """Return the measured volume of a configuration."""
     volume = config.volume
     return Box(
         origin_mm=volume.origin_mm,
@@ -75,9 +73,8 @@ def build_box(config: BenchConfig) -> Box:
 
 
 def build_errors(config: BenchConfig) -> ErrorSet:
-    """Return the 21 errors of the machine and its reversal (backlash as lost motion: the axis lags
-    by half of the backlash in either direction).
-    """
+    """Return the 21 errors of the machine, and its backlash as lost motion: the axis lags by half
+    of the backlash in either direction."""
     part, volume = config.machine, config.volume
     amplitudes = Amplitudes(
         positioning_um=part.positioning_um,
@@ -110,7 +107,6 @@ def build_errors(config: BenchConfig) -> ErrorSet:
 def _on_screws(
     config: BenchConfig, functions: Mapping[str, ErrorFunction]
 ) -> dict[str, ErrorFunction]:
-    """Return the positioning functions with the periodic errors of their ball screws."""
     part, low_mm = config.machine, config.volume.origin_mm
     phases = np.random.default_rng((config.seed, 10)).uniform(0.0, 2.0 * math.pi, size=3)
     return {
@@ -166,7 +162,6 @@ def build_machine(config: BenchConfig) -> Machine:
 
 
 def build_drive(config: BenchConfig) -> Drive:
-    """Return how the axes move: speeds, ring of the structure, and errors of arrival."""
     part, program = config.machine, config.program
     return Drive(
         feed_mm_min=program.feed_mm_min,
@@ -182,7 +177,7 @@ def build_drive(config: BenchConfig) -> Drive:
 
 
 def shifted_setups(config: BenchConfig) -> dict[str, tuple[float, float, float]]:
-    """Return the beam offset of every setup through a shifted beam, by its name."""
+    """Return the beam offset of every setup with a shifted beam, by its name."""
     offsets: dict[str, tuple[float, float, float]] = {}
     for part in config.program.beam_offset:
         number = 1 + sum(base_name(name) == part.setup for name in offsets)
@@ -191,7 +186,7 @@ def shifted_setups(config: BenchConfig) -> dict[str, tuple[float, float, float]]
 
 
 def build_plan(config: BenchConfig) -> Plan:
-    """Return the plan of the program; raises ValueError for an unknown setup."""
+    """Return the plan of the program. Raises ValueError for an unknown setup."""
     program = config.program
     setups = (*program.setups, *shifted_setups(config))
     for setup in setups:
@@ -210,9 +205,8 @@ def build_plan(config: BenchConfig) -> Plan:
 
 
 def alignment_of(config: BenchConfig, setup: str) -> Alignment:
-    """Return the alignment errors of a setup; the directions of their angles are drawn by seed and
-    name of the setup.
-    """
+    """Return the alignment errors of a setup; the directions of their angles are drawn by the seed
+    and the name of the setup."""
     part, laser = config.alignment, config.laser or LaserPart()
     rng = np.random.default_rng([config.seed, *setup.encode("ascii")])
     mirror, beam = rng.uniform(0.0, 2.0 * math.pi, size=2)
@@ -234,9 +228,8 @@ def alignment_of(config: BenchConfig, setup: str) -> Alignment:
 
 
 def setup_builder(config: BenchConfig, machine: Machine) -> Callable[[str], Setup]:
-    """Return a function that sets up laser and target for a setup by its name; the set-up of each
-    setup is made once.
-    """
+    """Return a function that sets up laser and target for a setup by its name; each set-up is made
+    once."""
     box = build_box(config)
     built: dict[str, Setup] = {}
 
@@ -251,8 +244,8 @@ def setup_builder(config: BenchConfig, machine: Machine) -> Callable[[str], Setu
 def head_builder(
     config: BenchConfig, part: HeadPart, machine: Machine
 ) -> Callable[[str], VirtualHead]:
-    """Return a function that mounts the 4-DOF head for a run along an axis; the mounting for each
-    run is made once.
+    """Return a function that mounts the 4-DOF head for a run along an axis; each mounting is made
+    once.
 
     The detectors' right and up are the level and the upright perpendicular of the beam: +Y and +Z
     for a beam along +X, -X and +Z along +Y, +X and +Y along +Z.
@@ -300,7 +293,6 @@ def _stand_up(
 
 
 def build_head_device(part: HeadPart, look: Look) -> Talking | Answering:
-    """Return the 4-DOF head as the device on its line."""
     if part.format == "tqd":
         return QuadrantDetector(look, full_sum=part.optics.qd.full_sum)
     return FourdofHead(look, rate_hz=part.rate_hz, encoding=part.encoding)
@@ -308,9 +300,8 @@ def build_head_device(part: HeadPart, look: Look) -> Talking | Answering:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """The surroundings of an instrument: the air and the material around it, and whether the stop
-    relay is closed at wall times.
-    """
+    """The surroundings of an instrument: air, material, and whether the stop relay is closed at
+    wall times."""
 
     climate: AskClimate
     stopped: Callable[[Array], Flags]
@@ -325,7 +316,6 @@ def build_laser(
     clock: Clock,
     faults: FaultBoard,
 ) -> Talking | Answering:
-    """Return the laser as the device on its line."""
     counter = Counter(sign=laser.sign, noise_um=laser.noise_um, seed=seed)
     match laser.format:
         case "nd" | "ids3010":

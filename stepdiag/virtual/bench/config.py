@@ -21,8 +21,6 @@ class _Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class VolumePart(_Part, frozen=True):
-    """The measured volume (contract 1)."""
-
     origin_mm: Three = (0.0, 0.0, 0.0)
     size_mm: Three = (500.0, 400.0, 300.0)
     increments: int = 10
@@ -30,22 +28,21 @@ class VolumePart(_Part, frozen=True):
 
 
 class OffsetPart(_Part, frozen=True):
-    """A setup that is driven through a shifted beam. Its names are ``ppp+1``, ``ppp+2`` in the
-    order of the file.
-    """
+    """A setup that is driven with a shifted beam. Its names are ``ppp+1``, ``ppp+2`` in the order
+    of the file."""
 
     setup: str
     offset_mm: Three
 
 
 class ProgramPart(_Part, frozen=True):
-    """The program of the control; its times are machine seconds. ``start`` states when a setup
+    """The program of the control; its times are machine seconds. ``start`` determines when a setup
     begins: after ``pause_s``, or on command.
 
-    ``decimals`` are the places to which a hand-written program rounds its positions; an
+    ``decimals`` are the decimal places of the positions in a hand-written program; an
     ``incremental`` program (G91) rounds its steps. With ``overrun_mm`` 0 the program reverses at
-    the last stop; without ``first_overrun`` only the first pass of a setup begins without overrun.
-    A ``patient`` machine continues a move or a dwell until the recorder has polled for most of this
+    the last stop. Without ``first_overrun`` the first pass of a setup begins without overrun. A
+    ``patient`` machine continues a move or a dwell until the recorder has polled for most of its
     time without a break (`stepdiag.virtual.plc.attention`).
     """
 
@@ -74,13 +71,13 @@ class TablePart(_Part, frozen=True):
 
 
 class MachinePart(_Part, frozen=True):
-    """The errors of the machine: drawn by the seed with these amplitudes; a table replaces the
+    """The errors of the machine, drawn by the seed with these amplitudes; a table replaces the
     function of its name.
 
     ``repeatability_um`` and ``servo_um`` are standard deviations of an arrival of an axis
     (`stepdiag.virtual.drive.player.Drive`). ``screw_um`` is the amplitude of a periodic error of
     each axis with the period ``screw_pitch_mm``; the seed draws the phase. ``growth_um_m`` is the
-    final growth of each axis, from its bearing at ``growth_bearing_mm``, with the time constant
+    final growth of each axis from its bearing at ``growth_bearing_mm``, with the time constant
     ``growth_tau_s``; at the start of the bench the machine has already run for ``growth_begun_s``.
     """
 
@@ -113,8 +110,6 @@ class MachinePart(_Part, frozen=True):
 
 
 class HallPart(_Part, frozen=True):
-    """The courses of material temperature and air over time."""
-
     material_c: Course = Course(start=20.0)
     air_c: Course = Course(start=20.0)
     pressure_hpa: Course = Course(start=1013.25)
@@ -123,8 +118,7 @@ class HallPart(_Part, frozen=True):
 
 class AlignmentPart(_Part, frozen=True):
     """Alignment errors of laser and mirror: angles of these sizes, in directions that the seed
-    draws anew for every setup.
-    """
+    draws for every setup."""
 
     mirror_mrad: float = 0.0
     beam_mrad: float = 0.0
@@ -138,8 +132,8 @@ class LaserPart(_Part, frozen=True):
     """The laser and its port. A ``rate_hz`` of 0 means the usual rate of the instrument. ``link``
     is the path of the serial port, for ``wire = "serial"``.
 
-    ``chunk_s`` is the time for which the adapter holds bytes: the latency timer of an FTDI chip in
-    its factory setting.
+    ``chunk_s`` is the time for which the adapter collects bytes: the latency timer of an FTDI chip
+    in its factory setting.
     """
 
     format: Literal["umd", "nd", "line", "frames", "ids3010", "lasertex", "qudis"] = "umd"
@@ -163,9 +157,8 @@ class LaserPart(_Part, frozen=True):
 
 
 class HeadPart(_Part, frozen=True):
-    """The 4-DOF head on its own line. The head has light during ``fourdof`` runs only. The optics
-    are described in `stepdiag.virtual.instruments.head`.
-    """
+    """The 4-DOF head on its own line, with light only during ``fourdof`` runs;
+    `stepdiag.virtual.instruments.head` describes the optics."""
 
     format: Literal["fourdof", "tqd", "elcomat", "wyler"] = "fourdof"
     encoding: Literal["binary", "ascii"] = "binary"
@@ -184,9 +177,8 @@ class HeadPart(_Part, frozen=True):
 
 
 class AirPart(_Part, frozen=True):
-    """A sensor of air and material: a PTU300 that answers requests, or a logger that sends by
-    itself, on a pty or a TCP port.
-    """
+    """A sensor of air and material on a pty or a TCP port: a PTU300, which answers requests, or a
+    logger, which sends without requests."""
 
     format: Literal["ptu300", "logger"] = "ptu300"
     wire: Literal["serial", "tcp"] = "serial"
@@ -194,11 +186,11 @@ class AirPart(_Part, frozen=True):
 
 
 class PlcPart(_Part, frozen=True):
-    """The PLC: TCP on ``port`` (0: any free one) or RTU on the pty ``link``.
+    """The PLC: TCP on ``port`` (0: any free port) or RTU on the pty ``link``.
 
-    ``lag_s`` is the time in wall seconds by which counter and position lag behind the stop signal.
+    ``lag_s`` is the delay in wall seconds of counter and position after the stop signal.
     ``positions`` selects commanded or actual positions. The actual positions contain
-    ``machine.servo_um`` and scatter by ``scatter_um`` (standard deviation) from scan to scan;
+    ``machine.servo_um``, and scatter by ``scatter_um`` (standard deviation) from scan to scan;
     ``resolution_mm`` is the last digit of the control.
     """
 
@@ -217,9 +209,8 @@ class PlcPart(_Part, frozen=True):
 
 
 class CompensationPart(_Part, frozen=True):
-    """Files that are loaded into the virtual control before its start; their paths are relative to
-    the configuration file.
-    """
+    """Files that are loaded into the virtual control before its start, with paths relative to the
+    configuration file."""
 
     control: Control
     files: tuple[str, ...]
@@ -227,8 +218,7 @@ class CompensationPart(_Part, frozen=True):
 
 class BenchConfig(_Part, frozen=True):
     """The whole configuration of a bench. ``time_scale`` machine seconds pass in one wall second;
-    ``seed`` draws all random values.
-    """
+    ``seed`` draws all random values."""
 
     seed: int = 1
     time_scale: float = 1.0
@@ -246,14 +236,13 @@ class BenchConfig(_Part, frozen=True):
 
 
 def load_config(text: str) -> BenchConfig:
-    """Return the configuration in a TOML text; raises ValueError that names the wrong field."""
+    """Return the configuration in a TOML text. Raises ValueError with the wrong field."""
     return msgspec.convert(tomllib.loads(text), BenchConfig)
 
 
 def read_config(file: Path) -> BenchConfig:
-    """Return the configuration in a file; the paths of compensation files are completed with the
-    folder of this file.
-    """
+    """Return the configuration in a file; the paths of compensation files are relative to the
+    folder of this file."""
     if file.stat().st_size > LARGEST_BYTES:
         raise ValueError(f"{file}: expected at most {LARGEST_BYTES} bytes")
     config = load_config(file.read_text(encoding="utf-8"))

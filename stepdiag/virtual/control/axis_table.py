@@ -1,6 +1,5 @@
-"""A compensation table in a form common to all controls: a curve over the position of one axis, by
-which another axis (or the same axis) is moved.
-"""
+"""A compensation table for all controls: a curve over the position of one axis, by which this axis
+or another axis is moved."""
 
 from dataclasses import dataclass
 
@@ -12,12 +11,12 @@ from stepdiag.virtual.physics.error_functions import Array
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisTable:
     """The correction that the control adds to ``output_axis`` (0, 1, 2) at a position of
-    ``input_axis``; beyond the ends the end values hold.
+    ``input_axis``, constant beyond the ends.
 
-    A positive ``correction_mm`` moves the axis in +, whatever sign convention the file had.
-    ``travel`` is +1 or -1 for a table that acts in a single direction of the input axis, 0 for
-    both. With ``stepped``, each value holds up to the next point, without interpolation. The value
-    of a second table, ``factor``, is multiplied by the value of this table.
+    A positive ``correction_mm`` moves the axis in +, whatever the sign convention of the file.
+    ``travel`` is +1 or -1 for a table that acts in one direction of the input axis, 0 for both
+    directions. With ``stepped``, a value applies up to the next point, without interpolation. The
+    value of this table is multiplied by that of the table ``factor``.
     """
 
     input_axis: int
@@ -38,9 +37,8 @@ class AxisTable:
             raise ValueError(f"table: expected ascending positions, found {self.position_mm}")
 
     def value_at(self, commanded_mm: Array) -> Array:
-        """Return the table's value at commanded positions (N, 3), shape (N,), whatever the
-        direction of travel.
-        """
+        """Return the table's value at commanded positions (N, 3), shape (N,), for either direction
+        of travel."""
         position = commanded_mm[:, self.input_axis]
         nodes, values = np.array(self.position_mm), np.array(self.value_mm)
         value: Array
@@ -52,9 +50,8 @@ class AxisTable:
         return value if self.factor is None else value * self.factor.value_at(commanded_mm)
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:
-        """Return the corrections of the axes, shape (N, 3). For direction 0, a correction is the
-        mean of both directions.
-        """
+        """Return the corrections of the axes, shape (N, 3); for direction 0, the mean of both
+        directions."""
         acting = (
             1.0
             if self.travel == 0

@@ -1,7 +1,7 @@
 """A virtual ISG kernel with volumetric compensation: ISG_CSV files (TF5280, 296429067), values in
 mm and rad (296426379).
 
-An error that is a number has one row and no argument, a function has a row per position of its
+An error that is a number has one row without an argument; a function has a row per position of its
 axis; ``#`` begins another heading.
 """
 
@@ -14,8 +14,7 @@ def load_volumetric(
     text: str, *, chain: str = "FXYZ", carries: bool = False, negate: str = ""
 ) -> ChainTable:
     """Return the correction by a volumetric file on a machine with this chain. Raises ValueError
-    for a column that the kernel does not know.
-    """
+    for an unknown column."""
     functions: dict[str, Nodes] = {}
     squareness: dict[str, float] = {}
     for block in _blocks(text):

@@ -1,6 +1,5 @@
-"""The law of controls that know the kinematic chain: the effect of error functions of single axes,
-with their angles and Abbe arms, on the tool.
-"""
+"""The law of controls with a kinematic chain: the effect of error functions of single axes, with
+their angles and Abbe arms, on the tool."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,10 +11,9 @@ from stepdiag.virtual.physics.kinematics import rotation_matrix, split_chain
 
 Nodes = tuple[Array, Array]
 """An error function: positions in mm and values (mm or rad), linear between the positions and
-constant beyond them.
-"""
+constant beyond them."""
 SQUARENESS_TURNS = {"C0Y": (1, 2), "B0Z": (2, 1), "A0Z": (2, 0)}
-"""By squareness error: the axis that leans, and the axis about which the leaning axis is turned."""
+"""By squareness error: the axis that leans, and the axis about which it is turned."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,9 +34,8 @@ class ChainTable:
     negated: str = ""
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:  # noqa: ARG002 - these tables know no direction of travel
-        """Return the corrections of the axes at commanded positions, shape (N, 3): Abbe arms count
-        from the zero of the axes.
-        """
+        """Return the corrections of the axes at commanded positions, shape (N, 3): Abbe arms begin
+        at the zero of the axes."""
         work, tool = split_chain(self.chain)
         at = np.zeros_like(commanded_mm, dtype=np.float64)
         for axis in reversed(

@@ -1,6 +1,5 @@
 """Loading of compensation files into the virtual control, by the law of the control for which the
-files are written.
-"""
+files are written."""
 
 import re
 from collections.abc import Sequence
@@ -27,12 +26,11 @@ def load_files(
 ) -> Sequence[Acting]:
     """Return the active tables after all ``files`` have been loaded into a control of this make.
 
-    A LinuxCNC screw file belongs to the axis in its name (``screw_x.comp``, ``compX.dat``); a
-    ``.hal`` file sets the matrix kinematics, a ``.csv`` is the lattice of the kinematics component.
+    A LinuxCNC screw file belongs to the axis in its name (``screw_x.comp``, ``compX.dat``). A
+    ``.hal`` file sets the matrix kinematics; a ``.csv`` is the lattice of the kinematics component.
     A Beckhoff needs the kinematic ``chain`` as an argument; a Heidenhain reads the chain in the
-    rows of the kinematics table (``.txt``). Options of a control (measuring system, detection unit)
-    are arguments of `load_siemens`, `load_fanuc`. Raises ValueError for contents that the control
-    refuses.
+    rows of the kinematics table (``.txt``). `load_siemens` and `load_fanuc` have options of a
+    control as arguments. Raises ValueError for contents that the control refuses.
     """
     large = [file.name for file in files if file.stat().st_size > LARGEST_BYTES]
     if large:
@@ -54,9 +52,6 @@ def load_files(
 
 
 def _heidenhain(texts: dict[str, str]) -> ChainTable:
-    """Return the correction by .COM tables, whose file names are the names of their axes; with the
-    rows of a kinematics table, if one exists.
-    """
     tables = {
         found[1]: text
         for name, text in texts.items()

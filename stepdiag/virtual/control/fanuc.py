@@ -1,8 +1,8 @@
 """A virtual FANUC control: stored pitch error compensation from punched parameter and pitch data.
 
-B-64303CM-1/01 section 1.3.1 and B-63980EN/01 p. 100: point N covers the section N-1 to N and holds
-the value that is added when the axis passes the point in +. The compensation is output at the
-point, without interpolation, and is added to the command.
+B-64303CM-1/01 section 1.3.1 and B-63980EN/01 p. 100: point N covers the section N-1 to N; its value
+is added when the axis passes the point in +. The compensation is output at the point, without
+interpolation, and is added to the command.
 """
 
 import re
@@ -26,9 +26,8 @@ class _Memory:
     """Numbers of parameters that belong to no axis."""
 
     def read(self, text: str) -> None:
-        """Read the lines from the first % to the next one: text after the next % is lost, as on the
-        machine.
-        """
+        """Read the lines from the first % to the next %: text after it is lost, as on the
+        machine."""
         body = text.replace("\r", "\n").split("%")
         for line in (body[1] if len(body) > 1 else body[0]).split("\n"):
             if found := _LINE.match(line):
@@ -50,9 +49,8 @@ class _Memory:
         return round(float(self._word(number, axis)))
 
     def length_mm(self, number: int, axis: int, least_input_mm: float) -> float:
-        """Return a length in mm: a number with a decimal point is in mm, one without in least input
-        units (older controls).
-        """
+        """Return a length in mm: a number with a decimal point is in mm, a number without one in
+        least input units (older controls)."""
         word = self._word(number, axis)
         return float(word) if "." in word else int(word) * least_input_mm
 
@@ -169,9 +167,8 @@ def _increment(memory: _Memory, point: int) -> int:
 
 
 def _absolute(increments: list[int], reference: int) -> list[int]:
-    """Return the sums of the increments: one value more than there are increments, zero at index
-    ``reference``.
-    """
+    """Return the sums of the increments: one value more than increments, zero at index
+    ``reference``."""
     sums = [0]
     for increment in increments:
         sums.append(sums[-1] + increment)

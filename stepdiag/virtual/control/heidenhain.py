@@ -1,9 +1,9 @@
 """A virtual iTNC 530: .COM tables, and KinematicsComp with the rows of a kinematics table (HSCI
 technical manual pp. 666-686).
 
-A .COM table without rows in the kinematics table acts only by its axis columns: the column Z of the
-table of X is Z = F(X). The rows of an axis come before its ``MachAxis``, viewed from the tool, and
-name the columns C1 to C6 of the axis's table; angles are in degrees.
+Without rows in the kinematics table, a .COM table acts only by its axis columns: the column Z of
+the table of X is Z = F(X). The rows of an axis come before its ``MachAxis``, viewed from the tool,
+and contain the columns C1 to C6 of the axis's table; angles are in degrees.
 """
 
 import re
@@ -22,10 +22,10 @@ _MACHINE_AXIS = re.compile(r"MachAxis\s+(\S+)")
 def load_tables(
     tables: Mapping[str, str], lines: str = "", *, axis_names: Mapping[str, str]
 ) -> ChainTable:
-    """Return the effect of the .COM texts. They are given by the axis name of each text in the .CMA
-    line; ``lines`` are rows of the kinematics table.
+    """Return the effect of the .COM texts, by the axis name of each text in the .CMA line;
+    ``lines`` are rows of the kinematics table.
 
-    ``axis_names`` gives X, Y or Z for each name of an axis. Without rows the chain has no effect,
+    ``axis_names`` gives X, Y or Z for each name of an axis. Without rows, the chain has no effect
     and no angle is compensated.
     """
     functions: dict[str, Nodes] = {}

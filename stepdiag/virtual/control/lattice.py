@@ -1,6 +1,5 @@
-"""A virtual control with a lattice over the volume: the values added to the axes at each vertex,
-trilinear between the vertices (A-79351E p. 3).
-"""
+"""A virtual control with a lattice over the volume: values at each vertex, trilinear between the
+vertices, that are added to the axes (A-79351E p. 3)."""
 
 from dataclasses import dataclass
 
@@ -11,17 +10,14 @@ from stepdiag.virtual.physics.error_functions import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LatticeTable:
-    """Corrections in mm at the vertices of a grid over three axes, shape (nx, ny, nz, 3); outside
-    the grid the values of its faces hold.
-    """
+    """Corrections in mm at the vertices of a grid over three axes, shape (nx, ny, nz, 3); constant
+    outside the grid."""
 
     axes_mm: tuple[Array, Array, Array]
     vectors_mm: Array
 
     def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:  # noqa: ARG002 - a lattice knows no direction of travel
-        """Return the corrections of the axes at commanded positions, shape (N, 3); the lattice is
-        interpolated in one axis after another.
-        """
+        """Return the corrections of the axes at commanded positions, shape (N, 3)."""
         moved = np.empty_like(commanded_mm, dtype=np.float64)
         for row, point in enumerate(commanded_mm):
             values = self.vectors_mm
@@ -32,7 +28,6 @@ class LatticeTable:
 
 
 def _between(axis: Array, values: Array, at: float) -> Array:
-    """Return values interpolated at one position of their first axis."""
     upper = int(np.clip(np.searchsorted(axis, at), 1, len(axis) - 1))
     share = min(max((at - axis[upper - 1]) / (axis[upper] - axis[upper - 1]), 0.0), 1.0)
     between: Array = (1.0 - share) * values[upper - 1] + share * values[upper]
@@ -41,8 +36,7 @@ def _between(axis: Array, values: Array, at: float) -> Array:
 
 def load_lattice(text: str) -> LatticeTable:
     """Return the lattice in a CSV with the columns ``x_mm,y_mm,z_mm,cx_um,cy_um,cz_um`` and rows in
-    any order. Raises ValueError where a vertex is missing.
-    """
+    any order. Raises ValueError for a missing vertex."""
     rows = np.array(
         [[float(cell) for cell in line.split(",")] for line in text.splitlines()[1:] if line]
     )

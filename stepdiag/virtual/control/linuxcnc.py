@@ -16,10 +16,10 @@ _FAR_MM = 1e6
 def load_screw_file(text: str, axis: int, *, kind: int = 0) -> list[AxisTable]:
     """Return the forward and the reverse table of a COMP_FILE of ``axis`` (0, 1, 2).
 
-    With ``kind`` 0 the file holds actual positions (trim = nominal - actual), with ``kind`` 1
+    With ``kind`` 0 the file contains actual positions (trim = nominal - actual), with ``kind`` 1
     trims; a positive trim moves the motor in +. As in the control, the first line that does not
-    begin with three numbers ends the file without an error. Raises ValueError where the control
-    refuses: nominal positions that do not rise, more than 256 entries, an empty file.
+    begin with three numbers ends the file without an error. Raises ValueError for a file that the
+    control refuses: nominal positions that do not rise, more than 256 entries, an empty file.
     """
     rows: list[tuple[float, float, float]] = []
     for line in text.splitlines():
@@ -57,9 +57,8 @@ def _three_numbers(line: str) -> tuple[float, float, float] | None:
 
 
 def load_matrix(text: str) -> list[AxisTable]:
-    """Return the correction by ``setp matrixkins.C_rc`` lines: joint r = sum of C_rc * axis c, the
-    matrix is the identity where no value is set.
-    """
+    """Return the correction by ``setp matrixkins.C_rc`` lines: joint r = sum of C_rc * axis c; a
+    missing value is that of the identity."""
     tables = []
     for found in _MATRIX.finditer(text):
         row, column = "xyz".index(found["row"]), "xyz".index(found["column"])

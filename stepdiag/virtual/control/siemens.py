@@ -1,10 +1,9 @@
 """A virtual SINUMERIK: EEC and CEC tables from an INI file or the part program that loads them.
 
 Function manual K3 (6FC5397-1BP40-3BA1): EEC pp. 237-242, "a positive compensation value causes the
-corresponding machine axis to move in the negative direction"; CEC pp. 243-264; a machine builder's
-production program shows that CEC has the same sense. Values are absolute and linearly interpolated;
-beyond the ends the first and the last value hold. The input of CEC is the setpoint of the base
-axis.
+corresponding machine axis to move in the negative direction"; CEC pp. 243-264. A machine builder's
+production program shows the same sign for CEC. Values are absolute, linearly interpolated, and
+constant beyond the ends. The input of CEC is the setpoint of the base axis.
 """
 
 import re
@@ -49,12 +48,11 @@ class _Memory:
 
 
 class SiemensControl:
-    """A control that keeps loaded values: a later file leaves a value unchanged that it does not
-    write.
+    """A control that keeps loaded values: a later file leaves a value unchanged if it does not
+    write it.
 
-    Only EEC tables of ``measuring_system`` are active. A table that was switched off is inactive; a
-    table that no file has switched on or off counts as switched on. ``adds_linked``: see
-    `_cross_tables`.
+    Only EEC tables of ``measuring_system`` are active. A table without an entry for on or off
+    counts as switched on. ``adds_linked``: see `_cross_tables`.
     """
 
     def __init__(
@@ -70,15 +68,14 @@ class SiemensControl:
         self._names = AXIS_NAMES | dict(axis_names or {})
 
     def load(self, text: str) -> None:
-        """Store the assignments of a data file or a part program."""
         for line in text.splitlines():
             self._memory.store(line)
 
     def tables(self) -> list[AxisTable]:
-        """Return the tables that are active now.
+        """Return the active tables.
 
-        Raises ValueError for an unwritten point (a real control would hold an older value there), a
-        grid that does not fit or a rotary table.
+        Raises ValueError for an unwritten point (a real control would contain an older value
+        there), a grid that does not fit, or a rotary table.
         """
         return _leadscrew_tables(self._memory, self._system, self._names) + _cross_tables(
             self._memory, self._names, adds_linked=self._adds_linked
@@ -88,8 +85,7 @@ class SiemensControl:
 def load_siemens(
     text: str, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None
 ) -> list[AxisTable]:
-    """Return the tables that are active after ``text`` has been loaded into an empty
-    `SiemensControl`."""
+    """Return the active tables after ``text`` has been loaded into an empty `SiemensControl`."""
     control = SiemensControl(measuring_system=measuring_system, axis_names=axis_names)
     control.load(text)
     return control.tables()
@@ -123,7 +119,7 @@ def _cross_tables(
     product (K3 p. 249).
 
     In the example of p. 252 only the product moves the axis, so a linked table adds no movement of
-    its own; ``adds_linked`` is the other interpretation of the manual: a control that also adds
+    its own. ``adds_linked`` is the other interpretation of the manual: a control that also adds
     both tables.
     """
     active = [index for index in memory.indices("AN_CEC_STEP") if not _is_off(memory, index)]

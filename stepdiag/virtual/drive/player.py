@@ -1,8 +1,8 @@
 """The running control: the commanded position of every axis at any time, and the signals of the
 machine.
 
-Time is machine time in seconds from the start of the bench. The player only moves forward; readers
-may read a short time back.
+Time is machine time in s from the start of the bench. The player only moves forward; readers can
+read a short time back.
 """
 
 import math
@@ -19,7 +19,7 @@ from stepdiag.virtual.physics.error_functions import Array
 
 _HISTORY = 512
 _HELD_S = 0.1
-"""Time in s by which a step that must last longer is prolonged before the next check."""
+"""Prolongation in s of a step that must last longer, before the next check."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -46,24 +46,23 @@ class Segment:
     approach: Array
     stop_count: int
     moved: Array
-    """The unit vector of the last move, (3,): the structure rings along it from ``arrived_s``
+    """Unit vector of the last move, (3,): the structure oscillates along it from ``arrived_s``
     on."""
     arrived_s: float
 
     @property
     def distance_mm(self) -> float:
-        """Return the length of the move in mm."""
         return float(np.linalg.norm(self.to_mm - self.from_mm))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drive:
-    """Motion of the axes: trapezoidal speed, then a decaying ring of the structure, over a
+    """Motion of the axes: trapezoidal speed, then a decaying oscillation of the structure, with a
     permanent hum.
 
-    Each move of an axis draws two errors of arrival along this axis, with these standard
-    deviations: the encoder does not show ``repeatability_um``; it shows ``servo_um``, the position
-    error at standstill.
+    Each move of an axis draws two errors of arrival along this axis with these standard deviations:
+    ``repeatability_um``, which the encoder does not show, and ``servo_um``, the position error at
+    standstill, which it shows.
     """
 
     feed_mm_min: float = 2000.0
@@ -77,7 +76,6 @@ class Drive:
     servo_um: float = 0.0
 
     def duration_s(self, distance_mm: float) -> float:
-        """Return the duration of a move in s."""
         peak = self._peak_mm_s(distance_mm)
         return (
             distance_mm / peak + peak / self.acceleration_mm_s2 if distance_mm > 0.0 else 0.0
@@ -87,7 +85,7 @@ class Drive:
         return min(self.feed_mm_min / 60.0, math.sqrt(distance_mm * self.acceleration_mm_s2))
 
     def fraction(self, distance_mm: float, elapsed_s: Array) -> Array:
-        """Return the part of a move that is done, 0 to 1, shape like ``elapsed_s``."""
+        """Return the completed part of a move, 0 to 1, shape like ``elapsed_s``."""
         if distance_mm <= 0.0:
             return np.ones_like(elapsed_s)
         peak, acceleration = self._peak_mm_s(distance_mm), self.acceleration_mm_s2
@@ -101,8 +99,7 @@ class Drive:
 
     def ring_um_at(self, segment: Segment, time_s: Array) -> Array:
         """Return the oscillation of the structure along the last move, shape (N,); zero while the
-        axes move.
-        """
+        axes move."""
         if segment.step.kind == "move":
             return np.zeros_like(time_s)
         since = time_s - max(segment.arrived_s, 0.0)
@@ -115,9 +112,8 @@ class Drive:
 
 
 class Player:
-    """Executes the steps of a program. Several threads may use a player. A move and a signalled
-    dwell end only when ``hold`` permits it.
-    """
+    """Executes the steps of a program; thread-safe. A move and a signalled dwell end only if
+    ``hold`` permits it."""
 
     def __init__(
         self,
@@ -176,9 +172,7 @@ class Player:
             self._captured = (stop_count, at_s)
 
     def forget_captured(self) -> None:
-        """Discard the handshake, like a PLC that restarts: a running dwell waits for a new
-        handshake.
-        """
+        """Discard the handshake, like a PLC that restarts: a dwell waits for a new handshake."""
         with self._lock:
             self._captured, last = None, self._segments[-1]
             if self._handshake and last.step.kind == "dwell" and last.end_s > self._now_s:
@@ -186,8 +180,7 @@ class Player:
 
     def start(self, at_s: float, first: Iterable[Step] = ()) -> None:
         """Begin the next setup, after the steps ``first``, if the machine waits for a start;
-        otherwise the start is ignored.
-        """
+        otherwise do nothing."""
         with self._lock:
             if (
                 self._segments[-1].step.kind == "pause"
@@ -213,9 +206,6 @@ class Player:
         return self._segments[0]
 
     def _decide_end(self, segment: Segment) -> None:
-        """End a segment that waited for an event, if the event has occurred; prolong a segment that
-        must last longer.
-        """
         step = segment.step
         if segment.end_s != math.inf:
             if segment.end_s <= self._now_s and self._held(segment):
@@ -231,9 +221,6 @@ class Player:
             segment.end_s = max(segment.start_s + step.duration_s, self._captured[1])
 
     def _held(self, segment: Segment) -> bool:
-        """Return whether a step must last longer: a move or a signalled dwell that the recorder has
-        not polled enough. With a handshake no step is prolonged.
-        """
         shown = segment.step.kind == "move" or (
             segment.step.kind == "dwell" and segment.step.signalled
         )
@@ -272,8 +259,7 @@ class Player:
 
     def _arrive(self, last: Segment, target: Array) -> tuple[Array, Array]:
         """Return the real positions of the axes after a move, and the errors of arrival that their
-        encoders show, both (3,).
-        """
+        encoders show, both (3,)."""
         drawn_um = self._rng.normal(size=(2, 3)) * [
             [self._drive.repeatability_um],
             [self._drive.servo_um],

@@ -1,6 +1,5 @@
 """The NC program of the virtual survey, step by step: moves, dwells, pauses, and the effects of
-faults.
-"""
+faults."""
 
 import math
 from collections.abc import Iterator
@@ -14,7 +13,7 @@ from stepdiag.virtual.drive.sequence import Box, DrivenPass, axis_of_run, driven
 from stepdiag.virtual.physics.error_functions import Array
 
 _GAP_S = 0.2
-"""Time in s during which the program is not at a stop although no axis moves."""
+"""Time in s in which no axis moves although the program is not at a stop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +23,7 @@ class Step:
     A move ends at ``target_mm`` (3,); dwells and pauses have no movement. ``duration_s`` applies to
     dwells and pauses, infinite until the program is started. ``counts`` is added to the stop
     counter at this stop; a stop that is not ``signalled`` gives no signal. ``setup`` is empty
-    between two programs, ``pass_number`` is 0 before the first pass; during an ``alarm`` the
+    between two programs, ``pass_number`` is 0 before the first pass. During an ``alarm`` the
     program does not run.
     """
 
@@ -43,11 +42,11 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """The plan of the drive: setups in order, ``passes`` of each, odd passes outward. With
-    ``pause_s`` None, the program waits for a start before each setup.
+    """The setups in order, with ``passes`` of each, odd passes outward. With ``pause_s`` None, the
+    program waits for a start before each setup.
 
     ``overrun_mm`` is the distance beyond the first stop of a pass, so that every axis reaches this
-    stop in the direction of the pass; without ``first_overrun`` the program overruns only at the
+    stop in the direction of the pass. Without ``first_overrun`` the program overruns only at the
     turns, not before the first pass of a setup.
     """
 
@@ -60,15 +59,13 @@ class Plan:
     first_overrun: bool = True
     pause_s: float | None = 2.0
     commission_s: tuple[float, float, float] | None = None
-    """Times in s for which the first pass of a run of the head stands at a jog, with a wobble, and
-    without light: the head is commissioned during this pass.
-    """
+    """Times in s, during the first pass of a run of the head, at a jog, with a wobble, and without
+    light: the head is commissioned during this pass."""
 
 
 def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
     """Yield every step of the survey; the beam is off while laser and mirror are moved to the next
-    setup.
-    """
+    setup."""
     for setup in plan.setups:
         yield Step(
             kind="pause",
@@ -79,7 +76,7 @@ def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
 
 
 def again(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
-    """Yield the steps of a repeated setup, and the wait after the setup."""
+    """Yield the steps of a repeated setup, and the wait after it."""
     yield from _setup_steps(plan, setup, faults)
     yield Step(
         kind="pause",
@@ -104,9 +101,6 @@ def _setup_steps(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
 
 
 def _approach(plan: Plan, driven: DrivenPass, stop: int) -> Iterator[Step]:
-    """Yield the moves that overrun a stop, so that every axis arrives in the direction of
-    the pass.
-    """
     before = _before(driven, stop, plan.overrun_mm)
     place = Step(kind="move", target_mm=before, setup=driven.setup, pass_number=driven.number)
     yield place
@@ -151,9 +145,6 @@ def _pass_steps(plan: Plan, driven: DrivenPass, faults: FaultBoard) -> Iterator[
 def _commissioning(
     stand_s: tuple[float, float, float], driven: DrivenPass, stop: int
 ) -> Iterator[Step]:
-    """Yield jogs of the other axes at the near end (before the second stop) and at the far end
-    (before the last stop); wobble and block the beam at both ends.
-    """
     ends = [end for end, at in ((0, 1), (-1, len(driven.stop_mm) - 1)) if stop == at]
     for end in ends:
         move = Step(
@@ -182,9 +173,6 @@ def _commissioning(
 
 
 def _jogs(axis: int, stand_s: float) -> Iterator[tuple[Array, float]]:
-    """Yield places beside the line, and the duration of standing at each; each place is approached
-    from below.
-    """
     first, second = (np.eye(3)[other] for other in range(3) if other != axis)
     lead = -0.4 * (first + second)
     for across in (first, second):
@@ -196,7 +184,6 @@ def _jogs(axis: int, stand_s: float) -> Iterator[tuple[Array, float]]:
 
 
 def _feed_hold(driven: DrivenPass, stop: int, duration_s: float) -> Iterator[Step]:
-    """Yield a standstill half way to a stop, before the program reaches its dwell."""
     half_mm: Array = 0.5 * (driven.stop_mm[stop - 1] + driven.stop_mm[stop])
     move = Step(kind="move", target_mm=half_mm, setup=driven.setup, pass_number=driven.number)
     yield move

@@ -24,8 +24,7 @@ class PositionRegisters:
     def shown_mm(
         self, commanded_mm: Array, servo_um: Array, rng: np.random.Generator
     ) -> Array:
-        """Return the positions that the registers show for commanded positions (N, 3), shape (N,
-        3)."""
+        """Return the register values for commanded positions (N, 3), shape (N, 3)."""
         shown = commanded_mm
         if self.shows == "actual":
             shown = shown + 1e-3 * (

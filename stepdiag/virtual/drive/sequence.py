@@ -1,6 +1,5 @@
 """The path of the virtual NC program: the box, its diagonals and lines, and the stops in the order
-of driving.
-"""
+of driving."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,7 +28,8 @@ class Box:
     """The measured volume, cut in ``increments`` per axis (contract 1).
 
     ``decimals`` is the number of decimal places in the NC program, None for a program that does not
-    round. An ``incremental`` program (G91) states steps: their rounding accumulates along the pass.
+    round. An ``incremental`` program (G91) contains steps, whose rounding accumulates along the
+    pass.
     """
 
     origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -45,7 +45,7 @@ def base_name(setup: str) -> str:
 
 
 def register_of(setup: str) -> int:
-    """Return the setup number that the machine shows. Raises ValueError for an unknown name."""
+    """Return the value of the ``setup`` register. Raises ValueError for an unknown name."""
     try:
         return REGISTER_OF_SETUP[base_name(setup)]
     except KeyError:
@@ -77,8 +77,8 @@ def outward_stops_mm(box: Box, setup: str, axis_order: str = "xyz") -> Array:
     """Return the commanded positions of the outward pass, shape (3n+1, 3) for a diagonal, (n+1, 3)
     along one axis.
 
-    A diagonal starts where ``p`` axes are low and ``n`` axes high and moves one axis at a time in
-    ``axis_order``; a run along one axis leaves the other axes at their low end.
+    A diagonal starts where ``p`` axes are low and ``n`` axes high, and moves one axis at a time in
+    ``axis_order``. A run along one axis leaves the other axes at their low end.
     """
     signs = np.sign(outward_direction(box, setup))
     low = np.array(box.origin_mm, dtype=np.float64)
@@ -117,8 +117,7 @@ def _moved_axes(setup: str, axis_order: str) -> Iterator[int]:
 @dataclass(frozen=True, slots=True)
 class DrivenPass:
     """A pass: ``stop_mm`` (M, 3) in the order of driving; ``approach`` (3,) is the sign of every
-    axis' approach, 0 for an axis that never moves.
-    """
+    axis' approach, 0 for an axis that never moves."""
 
     setup: str
     number: int
@@ -127,9 +126,8 @@ class DrivenPass:
 
 
 def driven_pass(box: Box, setup: str, number: int, axis_order: str = "xyz") -> DrivenPass:
-    """Return the pass with this ``number`` (from 1): odd passes go outward, even passes visit the
-    same stops in reverse.
-    """
+    """Return the pass with this ``number`` (from 1). Odd passes go outward, even passes visit the
+    same stops in reverse."""
     stops = outward_stops_mm(box, setup, axis_order)
     approach = np.sign(outward_direction(box, setup))
     if number % 2 == 0:

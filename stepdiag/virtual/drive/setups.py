@@ -1,6 +1,4 @@
-"""Laser and target, set up for a diagonal or a line, with the alignment errors that a person
-makes.
-"""
+"""Laser and target, set up for a diagonal or a line, with the usual alignment errors."""
 
 from dataclasses import dataclass
 
@@ -31,7 +29,7 @@ class Alignment:
 
     ``mirror_mrad`` tilts the mirror's normal and ``beam_mrad`` the beam away from the machine's
     diagonal or axis, each towards the level and the upright perpendicular of this direction.
-    ``beam_offset_mm`` shifts the beam line from the first commanded position; ``target_mm`` is the
+    ``beam_offset_mm`` shifts the beam line from the first commanded position. ``target_mm`` is the
     place of the mirror's pole or the cube's vertex in the tool's coordinates. ``standoff_mm`` is
     the dead path between interferometer and target at the first stop.
     """
@@ -52,7 +50,6 @@ class Alignment:
 def aligned_setup(
     machine: Machine, box: Box, setup: str, alignment: Alignment | None = None
 ) -> Setup:
-    """Return the set-up of a diagonal (plane mirror) or of a run along one axis (corner cube)."""
     how = alignment or Alignment()
     axis = axis_of_run(setup)
     direction = outward_direction(box, setup)

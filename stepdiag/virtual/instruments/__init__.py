@@ -1,4 +1,4 @@
-"""Lasers and the 4-DOF head on serial lines.
+"""Lasers and the 4-DOF head on serial lines, with the bytes of the real instruments.
 
-In: the optical path. Out: bytes as the instrument would send them. `bench` imports this package.
+`bench` imports this package.
 """

@@ -1,6 +1,5 @@
-"""Instruments for angles: an autocollimator in front of a mirror on the tool, and a level on the
-tool; and the bytes that they send.
-"""
+"""Instruments for angles and their bytes: an autocollimator in front of a mirror on the tool, and a
+level on the tool."""
 
 from collections.abc import Callable
 
@@ -17,20 +16,16 @@ from stepdiag.virtual.physics.machine import Machine
 ARCSEC_RAD = np.pi / 180.0 / 3600.0
 Look = Callable[[Array], Array]
 """A function from wall times (N,) to rotations of the tool about X, Y, Z in arc-seconds and the
-number of the moving axis, (N, 4); NaN outside the instrument's own runs.
-"""
+number of the moving axis, (N, 4); NaN outside the instrument's own runs."""
 ACROSS = {0: (2, 1), 1: (2, 0), 2: (0, 1)}
 """By axis: the two rotations that an autocollimator along this axis measures, the rotation about
-the upright first.
-"""
+the upright first."""
 LEVEL = {0: 0, 1: 1, 2: 0}
 """By axis: the rotation that a level across this axis measures."""
 
 
 class AngleView:
-    """The rotation of the tool with its mirror or level; it is visible only during the runs of the
-    instrument.
-    """
+    """The rotation of the tool with its mirror or level during the runs of the instrument."""
 
     def __init__(
         self,
@@ -73,7 +68,7 @@ class AngleView:
 
 
 class Autocollimator(Counting):
-    """An Elcomat: silent until it receives `A`, then 25 lines a second
+    """An Elcomat: silent until it receives `A`, then 25 lines per second
     (`stepdiag.virtual.instruments.talker.Talking`, `Responding`)."""
 
     def __init__(self, look: Look) -> None:
@@ -83,15 +78,13 @@ class Autocollimator(Counting):
         self._streams = False
 
     def respond(self, received: bytes) -> bytes:
-        """Process received letters one by one."""
         for letter in received:
             self._streams = {ord("A"): True, ord("s"): False}.get(letter, self._streams)
         return b""
 
     def speak(self, wall_s: Array) -> bytes:
-        """Return a line per sample; if no mirror is in front of the instrument, its status names no
-        valid axis.
-        """
+        """Return a line per sample; without a mirror, the status of a line contains no valid
+        axis."""
         return b"".join(map(self._line, self._look(wall_s))) if self._streams else b""
 
     def _line(self, seen: Array) -> bytes:
@@ -102,13 +95,12 @@ class Autocollimator(Counting):
 
 
 class Level:
-    """A level: it answers `P` (`stepdiag.virtual.instruments.talker.Answering`)."""
+    """A level that answers `P` (`stepdiag.virtual.instruments.talker.Answering`)."""
 
     def __init__(self, look: Look) -> None:
         self._look = look
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete requests in the received bytes."""
         return [b"P"] * received.count(b"P")
 
     def answer(self, request: bytes, wall_s: float) -> bytes:  # noqa: ARG002 - it knows one
@@ -118,4 +110,4 @@ class Level:
         return f"1 {angle:+.3f} 2 {20.5:+.2f}\r".encode("ascii")
 
     def watch(self, wall_s: float) -> None:
-        """Do nothing: measurements that nobody requests have no effect."""
+        """Do nothing: an unrequested measurement has no effect."""

@@ -1,4 +1,4 @@
-"""An instrument that sends binary frames, as many home-made counters do.
+"""An instrument that sends binary frames, like many home-made counters.
 
 A frame: AA 55, a 16-bit sample number, the reading in nanometres (32 bits, signed), the beam in per
 mille (16 bits), a status byte whose lowest bit is a lost beam, and the CRC-16 of the Modbus line
@@ -25,15 +25,12 @@ def modbus_crc(data: bytes) -> int:
 
 
 class BinaryFrames(Counting):
-    """An instrument that sends one binary frame per sample."""
-
     def __init__(self, *, rate_hz: float, order: Literal["little", "big"] = "little") -> None:
         super().__init__()
         self.rate_hz = rate_hz
         self._pack = struct.Struct(("<" if order == "little" else ">") + "HiHB").pack
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
-        """Return the frames of these samples, one frame per sample."""
         frames = []
         for position_mm, present in zip(reading_mm.tolist(), beam.tolist(), strict=True):
             body = b"\xaa\x55" + self._pack(

@@ -1,10 +1,10 @@
 """An optical model of the four-degree-of-freedom head (Feng, Zhang, Kuang 2008, Figs 1 to 4),
 traced ray by ray.
 
-A collimated beam leaves the source. On the moving unit a half mirror sends a part of it back (to
-lens 2 and PSD2), the other part goes to a corner cube, comes back displaced and is split between
-the quadrant detector and lens 1 with PSD1. This module uses no equation of the paper: signs and
-levers follow from the geometry.
+A collimated beam leaves the source. On the moving unit a half mirror reflects a part of it (to lens
+2 and PSD2). The other part goes to a corner cube, comes back displaced, and is split between the
+quadrant detector and lens 1 with PSD1. This module uses no equation of the paper: signs and levers
+follow from the geometry.
 """
 
 import math
@@ -23,8 +23,7 @@ Pair = tuple[float, float]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wander:
     """A slow random motion in two lateral directions: four oscillations of random phase, together
-    at most ``amplitude`` in each direction.
-    """
+    at most ``amplitude`` in each direction."""
 
     amplitude: float = 0.0
     period_s: float = 300.0
@@ -49,9 +48,9 @@ class SpotDetector:
     """Mounting and scale of a detector.
 
     ``sign`` is, per axis, the effect of fold mirrors and splitters on right and up.
-    ``rotation_mrad`` is the roll of the detector, x towards y, ``gain`` the gain of its
-    differences. Shares of the full sum are: ``noise``, the noise of differences and sum; ``dark``,
-    their values without light; ``ceiling``, the largest sum that the electronics give.
+    ``rotation_mrad`` is the roll of the detector, x towards y; ``gain`` is the gain of its
+    differences. As shares of the full sum: ``noise`` is the noise of differences and sum, ``dark``
+    their values without light, ``ceiling`` the largest sum of the electronics.
     """
 
     sign: Pair = (1.0, 1.0)
@@ -75,8 +74,7 @@ class SpotDetector:
 
     def counts(self, response: Array, light: Array, rng: np.random.Generator) -> Counts:
         """Return difference x, difference y and sum of a detector, shape (N, 3), for normalised
-        differences (N, 2) in -1 .. 1 and light (N,) in 0 .. 1.
-        """
+        differences (N, 2) in -1 .. 1 and light (N,) in 0 .. 1."""
         ideal = np.column_stack(
             [response * np.array(self.gain) * light[:, None], light]
         ) + np.array(self.dark)
@@ -88,13 +86,13 @@ class SpotDetector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadOptics:
-    """The optics of the fixed unit. Radii are those of the Gaussian beam at 1/e2; the waist lies at
+    """The optics of the fixed unit. Radii are those of the Gaussian beam at 1/e2; the waist is at
     the source.
 
-    ``spot_growth_per_m`` is a further growth of the radius, per metre of distance, as with a poor
-    collimator. ``qd_path_mm`` is the path from the source's plane back to the QD. A PSD is linear
-    over ``psd_half_mm`` in each direction; ``psd*_defocus_mm`` is the distance of the PSD behind
-    the focus of its lens; the lens is in the source's plane.
+    ``spot_growth_per_m`` is a further relative growth of the radius per metre of distance, as with
+    a poor collimator. ``qd_path_mm`` is the path from the source's plane back to the QD. A PSD is
+    linear over ``psd_half_mm`` in each direction. ``psd*_defocus_mm`` is the distance of the PSD
+    behind the focus of its lens, which is in the source's plane.
     """
 
     wavelength_nm: float = 635.0
@@ -111,7 +109,6 @@ class HeadOptics:
     psd2: SpotDetector = field(default_factory=SpotDetector)
 
     def spot_radius_mm(self, path_mm: Array) -> Array:
-        """Return the radius of the beam after a path, shape (N,)."""
         rayleigh_mm = math.pi * self.waist_mm**2 / (self.wavelength_nm * 1e-6)
         poor = 1.0 + 0.5e-3 * self.spot_growth_per_m * path_mm
         radius: Array = self.waist_mm * poor * np.sqrt(1.0 + (path_mm / rayleigh_mm) ** 2)
@@ -121,8 +118,7 @@ class HeadOptics:
 @dataclass(frozen=True, slots=True)
 class HeadStand:
     """The mounting of the fixed unit: its place ``source_mm`` and three unit vectors, all (3,):
-    ``beam``, and the detectors' right and up.
-    """
+    ``beam``, and the detectors' right and up."""
 
     source_mm: Array
     beam: Array
@@ -142,8 +138,7 @@ class HeadStand:
 @dataclass(frozen=True, slots=True)
 class Spots:
     """The spots of the light in mm, (N, 2) each: on the plane of the QD and in the focal planes of
-    the PSDs; ``path_mm`` (N,) is the path to the QD.
-    """
+    the PSDs; ``path_mm`` (N,) is the path to the QD."""
 
     qd_mm: Array
     psd1_mm: Array
@@ -165,11 +160,11 @@ class Disturbance:
 
 
 class VirtualHead:
-    """The head, with fixed unit and moving unit. The units are aligned: at the pose ``aligned`` and
-    without disturbance all spots are centred.
+    """The head with fixed unit and moving unit. At the pose ``aligned`` and without disturbance,
+    all spots are centred.
 
-    ``vertex_mm`` is the corner cube's vertex in the coordinates of the frame of the moving unit.
-    The half mirror faces the beam at the aligned pose.
+    ``vertex_mm`` is the corner cube's vertex in the coordinates of the moving unit. The half mirror
+    is perpendicular to the beam at the aligned pose.
     """
 
     def __init__(
@@ -192,9 +187,8 @@ class VirtualHead:
         self._centre = self._trace(aligned, still, still)
 
     def spots(self, pose: Pose, time_s: Array, wobbled: Array | None = None) -> Spots:
-        """Return the spots, relative to their centred positions, for poses of the frame that
-        carries the moving unit, at these times.
-        """
+        """Return the spots, relative to their centred positions, for poses of the moving unit at
+        these times."""
         pointing = self._disturbance.pointing_urad.at(time_s) * 1e-6
         if wobbled is not None:
             pointing = (
@@ -239,8 +233,7 @@ class VirtualHead:
 
     def _trace(self, pose: Pose, pointing: Array, bending_per_mm: Array) -> Spots:
         """Return the spots of the ray that goes out and comes back from cube and mirror.
-        ``bending_per_mm`` is the change of the ray's slope per mm, the same out and back.
-        """
+        ``bending_per_mm`` is the change of the ray's slope per mm, equal out and back."""
         stand, optics = self._stand, self._optics
         vertex = pose.point_mm(self._vertex_mm)
         out = stand.beam + stand.across(pointing)
@@ -282,8 +275,7 @@ def _focused(
     stand: HeadStand, at_lens: Array, direction: Array, focal_mm: float, defocus_mm: float
 ) -> Array:
     """Return the position of a spot behind a thin lens in the source's plane: height x and slope s
-    give x + (f + d)(s - x / f).
-    """
+    give x + (f + d)(s - x / f)."""
     height = stand.lateral(at_lens - stand.source_mm)
     slope = stand.lateral(direction)
     spot: Array = height + (focal_mm + defocus_mm) * (slope - height / focal_mm)

@@ -1,6 +1,5 @@
-"""The bytes that heads send: `fourdof` frames (docs/fourdof-frames.md), and the messages (APT) of
-the Thorlabs quadrant detector.
-"""
+"""The bytes of heads: `fourdof` frames (docs/fourdof-frames.md), and the messages (APT) of the
+Thorlabs quadrant detector."""
 
 import struct
 from collections.abc import Callable
@@ -30,8 +29,6 @@ def frame_checksum(data: bytes) -> int:
 
 
 class FourdofHead(Counting):
-    """A head that sends frame after frame (`stepdiag.virtual.instruments.talker.Talking`)."""
-
     def __init__(
         self,
         look: Look,
@@ -45,7 +42,6 @@ class FourdofHead(Counting):
         self._encoding = encoding
 
     def speak(self, wall_s: Array) -> bytes:
-        """Return the frames of these samples, one frame per sample."""
         return b"".join(self._frame(values) for values in self._look(wall_s).tolist())
 
     def _frame(self, values: list[int]) -> bytes:
@@ -82,7 +78,6 @@ class QuadrantDetector:
         self._pending = b""
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete short messages in the received bytes."""
         self._pending += received
         whole = len(self._pending) // _HEADER * _HEADER
         messages = [
@@ -93,8 +88,7 @@ class QuadrantDetector:
 
     def answer(self, request: bytes, wall_s: float) -> bytes:
         """Return the readings for the message that requests them; any other message gets no
-        answer.
-        """
+        answer."""
         if request != _ASK:
             return b""
         x, y, total = (value * self._volts for value in self._look(np.array([wall_s]))[0, :3])

@@ -1,8 +1,8 @@
 """Lasers with a public interface, by the documents of their makers: attocube IDS3010, Lasertex
 HPI-3D (uLine F1), quTools quDIS.
 
-These lasers are written from the public specifications named in docs/lasers.md, not from the
-decoders. The IDS3010 answers single requests; the HPI-3D and the quDIS send a stream on request.
+The code follows the public specifications in docs/lasers.md and not the decoders. The IDS3010
+answers single requests; the HPI-3D and the quDIS send a stream on request.
 """
 
 import json
@@ -31,8 +31,7 @@ AskClimate = Callable[[], Climate]
 
 class Ids3010:
     """The JSON-RPC of the IDS3010: a request is a JSON object, an answer is a line that ends with
-    CR LF; displacement in pm, contrast in per mille.
-    """
+    CR LF; displacement in pm, contrast in per mille."""
 
     def __init__(self, climate: AskClimate, *, axis: int = 1, contrast: int = 800) -> None:
         self._climate = climate
@@ -41,9 +40,7 @@ class Ids3010:
         self._received = ""
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete requests in the bytes received so far: JSON objects need no
-        separator.
-        """
+        """Return the complete requests in the received bytes: JSON objects need no separator."""
         self._received += received.decode("utf-8", "replace")
         complete: list[bytes] = []
         decoder = json.JSONDecoder()
@@ -57,7 +54,6 @@ class Ids3010:
         return complete
 
     def answer(self, request: bytes, reading_mm: float, *, beam: bool) -> bytes:
-        """Return the answer to one request."""
         asked = json.loads(request)
         result = self._result(asked["method"], reading_mm, beam=beam)
         answer = (
@@ -93,8 +89,8 @@ def lasertex_crc(data: bytes) -> int:
 
 
 class Lasertex:
-    """The HPI-3D: 25 readings a second when distances are switched on, and its wireless sensors
-    once a second when the weather is switched on.
+    """The HPI-3D: 25 readings per second when distances are switched on, and its wireless sensors
+    once per second when the weather is switched on.
 
     After a lost signal a flag stays set until command B03Dh clears it.
     """
@@ -110,12 +106,10 @@ class Lasertex:
         self._samples = 0
 
     def banner(self) -> bytes:
-        """Discard all settings; send nothing."""
         self._distance = self._weather = self._held = False
         return b""
 
     def skip(self, count: int) -> None:
-        """Skip samples that are not sent."""
         self._samples += count
 
     def respond(self, received: bytes) -> bytes:
@@ -131,7 +125,6 @@ class Lasertex:
         return answer
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
-        """Return the frames with these samples."""
         answer = b""
         for position_mm, present in zip(reading_mm.tolist(), beam.tolist(), strict=True):
             self._held |= not present
@@ -182,8 +175,7 @@ class Lasertex:
 
 class Qudis:
     """The quDIS: when a channel is triggered and data are switched on, it sends telegrams of a few
-    readings each. The marker counts the edges of ``stopped``.
-    """
+    readings each. The marker counts the edges of ``stopped``."""
 
     def __init__(self, stopped: Callable[[Array], Flags], *, axis: int = 1) -> None:
         self._stopped = stopped
@@ -196,19 +188,16 @@ class Qudis:
 
     @property
     def rate_hz(self) -> float:
-        """Return the number of readings a second at the set average; constant at the rate of the
-        bench.
-        """
+        """Return the number of readings per second at the set average; constant at the rate of the
+        bench."""
         return 25_000.0 / 2**5
 
     def banner(self) -> bytes:
-        """Discard every setting; send nothing."""
         self._values.clear()
         self._index = 0
         return b""
 
     def skip(self, count: int) -> None:
-        """Skip readings that are not sent; they are counted."""
         self._index += count
 
     def respond(self, received: bytes) -> bytes:
@@ -230,7 +219,6 @@ class Qudis:
         return answer
 
     def watch(self, wall_s: Array) -> Integers:
-        """Return the marker counter at these times, shape (N,)."""
         counts = np.empty(len(wall_s), dtype=np.int64)
         for place, high in enumerate(self._stopped(wall_s).tolist()):
             self._edges += high != self._high
@@ -272,7 +260,6 @@ class Qudis:
 
 
 def _pair(reading_mm: float, edges: int) -> tuple[int, int]:
-    """Return the two words that represent a reading."""
     position = round(reading_mm * 1e9) & (1 << 48) - 1
     count = edges & 0x3FFF
     return position & 0xFFFFFF | (count & 0x7F) << 24, position >> 24 | (

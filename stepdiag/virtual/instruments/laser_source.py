@@ -1,4 +1,4 @@
-"""The laser as an instrument: its count, the loss of its beam, its reset, and its latency."""
+"""The laser as an instrument: its count, lost beam, reset and latency."""
 
 import math
 from collections.abc import Callable
@@ -14,30 +14,25 @@ from stepdiag.virtual.physics.error_functions import Array
 
 Read = Callable[[Array], tuple[Array, Flags]]
 """A function from ascending machine times to indicated lengths in mm, and whether the beam is
-present.
-"""
+present."""
 
 _LOST_FRINGES = 400
 _LOST_FRINGE_MM = 0.000158
 """Largest number of fringes by which the count is wrong after the beam returns, and the length of a
-fringe in mm: a quarter of the wavelength.
-"""
+fringe in mm: a quarter of the wavelength."""
 
 
 class Display(Protocol):
-    """An instrument that answers requests with its present reading."""
-
     def requests(self, received: bytes) -> list[bytes]: ...
 
     def answer(self, request: bytes, reading_mm: float, *, beam: bool) -> bytes: ...
 
 
 class Counter:
-    """The count of an interferometer from the optical path. It begins at zero, and is permanently
-    wrong after a lost beam.
+    """The count of an interferometer from the optical path. It begins at zero.
 
-    While the beam is lost the count stands still; when the beam returns, the count continues from
-    this value. The count is then wrong by the missed travel and by a random number of fringes.
+    While the beam is lost, the count does not change. After the beam returns, the count is
+    permanently wrong by the missed travel and by a random number of fringes.
     """
 
     def __init__(self, *, sign: int = 1, noise_um: float = 0.0, seed: int = 0) -> None:
@@ -48,7 +43,6 @@ class Counter:
         self._held_mm = 0.0
 
     def zero(self) -> None:
-        """Make the next reading zero."""
         self._offset_mm = math.nan
         self._held_mm = 0.0
 
@@ -114,7 +108,7 @@ class _Sampler:
         self._was_frozen = False
 
     def sample(self, wall_s: Array) -> tuple[Array, Flags]:
-        """Return the readings of the laser at these wall times, and whether it had the beam."""
+        """Return the readings of the laser at wall times, and whether the beam was present."""
         for _ in self._faults.due("laser-reset", float(wall_s[-1])):
             self._counter.zero()
         for fault in self._faults.due("laser-jump", float(wall_s[-1])):
@@ -126,7 +120,6 @@ class _Sampler:
         return self._as_sent(self._counter.count(indicated, beam), then_s), beam
 
     def _as_sent(self, reading: Array, then_s: Array) -> Array:
-        """Return the readings that the laser sends: while it is frozen, the last reading."""
         frozen = np.zeros(len(then_s), dtype=np.bool_)
         for start_s, end_s in self._faults.spans("laser-frozen"):
             frozen |= (then_s >= start_s) & (then_s < end_s)
@@ -160,15 +153,12 @@ class TalkingLaser(_Sampler):
         self.rate_hz = encoder.rate_hz
 
     def banner(self) -> bytes:
-        """Return the boot text of the laser's board."""
         return self._encoder.banner()
 
     def skip(self, count: int) -> None:
-        """Skip samples that are not sent."""
         self._encoder.skip(count)
 
     def speak(self, wall_s: Array) -> bytes:
-        """Return the lines with these samples."""
         return self._encoder.encode(*self.sample(wall_s))
 
 
@@ -214,15 +204,13 @@ class MarkedLaser(_Sampler):
         )
 
     def speak(self, wall_s: Array) -> bytes:
-        """Return the telegrams with these readings."""
         reading_mm, _ = self.sample(wall_s)
         return self._device.tell(reading_mm, self._device.watch(wall_s))
 
 
 class AskedLaser(_Sampler):
     """A position display that sends its value on request
-    (`stepdiag.virtual.instruments.talker.Answering`).
-    """
+    (`stepdiag.virtual.instruments.talker.Answering`)."""
 
     def __init__(
         self,
@@ -238,16 +226,13 @@ class AskedLaser(_Sampler):
         self._display = display
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete requests in the received bytes."""
         return self._display.requests(received)
 
     def answer(self, request: bytes, wall_s: float) -> bytes:
-        """Return the display's answer to a request at this time."""
         reading_mm, beam = self.sample(np.array([wall_s]))
         return self._display.answer(request, float(reading_mm[0]), beam=bool(beam[0]))
 
     def watch(self, wall_s: float) -> None:
         """Continue the count without a request, so that a beam lost between two requests affects
-        the count.
-        """
+        the count."""
         self.sample(np.array([wall_s]))

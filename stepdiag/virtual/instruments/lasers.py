@@ -1,7 +1,6 @@
-"""The bytes that lasers send: uMD boards, Heidenhain displays, any ASCII line. These classes make
-the bytes and do no input or output.
+"""The bytes of lasers, without input and output: uMD boards, Heidenhain displays, any ASCII line.
 
-uMD after the firmware sources named in the instruments' notes 1.A, ND 28x/287 after the manual
+uMD boards follow the firmware sources named in the instruments' notes 1.A, ND 28x/287 the manual
 pages of 1.B.
 """
 
@@ -20,22 +19,17 @@ Integers = NDArray[np.int64]
 
 
 class Encoder(Protocol):
-    """A laser that sends without requests."""
-
     rate_hz: float
 
     def banner(self) -> bytes:
         """Return the bytes that the board sends at power-on."""
         ...
 
-    def skip(self, count: int) -> None:
-        """Skip samples that are not sent."""
-        ...
+    def skip(self, count: int) -> None: ...
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
         """Return the lines with consecutive samples: readings in mm, and whether the beam is
-        present.
-        """
+        present."""
         ...
 
 
@@ -52,8 +46,7 @@ class Board:
     codes: Mapping[int, tuple[int, int]] = field(default_factory=dict)
     sequence_wrap: int = 0
     """Number at which a signed sequence number wraps: 65536 for a board that prints a 16-bit int; 0
-    if the number practically never wraps.
-    """
+    if the number practically never wraps."""
     banner: bytes = b""
 
 
@@ -71,9 +64,8 @@ BOARDS: dict[str, Board] = {
         rate_hz=1000.0, phase_steps=65536, codes={1: (10, 7 << 16 | 264), 3: (112, 4)}
     ),
 }
-"""The uMD boards: uMD0 v09 (homodyne), uMD1 v60 (8-bit phase), uMD2 v264.07 (16-bit phase, named by
-code 112).
-"""
+"""The uMD boards: uMD0 v09 (homodyne), uMD1 v60 (8-bit phase), uMD2 v264.07 (16-bit phase, code
+112)."""
 
 _NO_MEASUREMENT_BEAM = 0x800
 
@@ -125,7 +117,6 @@ class UmdBoard:
         self._sequence += count
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
-        """Return one line per sample."""
         count, phase = self._count_and_phase(reading_mm / self._mm_per_count)
         velocity = np.diff(count, prepend=self._last_count)
         doppler = np.where(
@@ -149,8 +140,7 @@ class UmdBoard:
 
     def _count_and_phase(self, counts: Array) -> tuple[Integers, Integers]:
         """Return the displacement and the phase field of a reading: an 8-bit phase is 0..255, a
-        16-bit phase signed.
-        """
+        16-bit phase signed."""
         steps = self._board.phase_steps
         if not steps:
             whole = np.floor(counts).astype(np.int64)
@@ -170,8 +160,7 @@ class UmdBoard:
 
 class AsciiLine(Counting):
     """Lines made from a format text with the fields ``position_mm``, ``counter`` and ``beam`` (0 or
-    1).
-    """
+    1)."""
 
     def __init__(
         self,
@@ -186,7 +175,6 @@ class AsciiLine(Counting):
         self._modulus = counter_modulus
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
-        """Return one line per sample."""
         lines = []
         for position_mm, present in zip(reading_mm.tolist(), beam.tolist(), strict=True):
             counter = self._counter % self._modulus
@@ -203,9 +191,8 @@ _STX, _ACK, _NAK, _ESC = b"\x02", b"\x06", b"\x15", b"\x1b"
 
 
 class NdDisplay:
-    """A Heidenhain ND display: answers STX, ESC A0000, A0100, A0200 and key presses; any other
-    request gets NAK.
-    """
+    """A Heidenhain ND display: it answers STX, ESC A0000, A0100, A0200 and key presses; any other
+    request gets NAK."""
 
     def __init__(self, *, resolution_mm: float = 0.0001) -> None:
         self._resolution_mm = resolution_mm

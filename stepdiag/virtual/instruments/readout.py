@@ -20,9 +20,8 @@ _GRID_NODES = 3
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """The axes at N times: ``position_mm`` and ``approach`` (N, 3), the setup, whether a beam is
-    up, and whether it is wobbled.
-    """
+    """The axes at N times: ``position_mm`` and ``approach`` (N, 3), the setup, and whether the beam
+    is present or wobbled."""
 
     position_mm: Array
     approach: Array
@@ -33,8 +32,7 @@ class Track:
 
 def track(player: Player, drive: Drive, time_s: Array) -> Track:
     """Return the positions of the axes at ascending machine times, with the oscillation of the
-    structure.
-    """
+    structure."""
     count = len(time_s)
     followed = Track(
         np.zeros((count, 3)),
@@ -61,9 +59,8 @@ def track(player: Player, drive: Drive, time_s: Array) -> Track:
 
 @dataclass(slots=True)
 class _Curve:
-    """The indicated length over a segment: as a function of the fraction of a move, or of time in a
-    standstill.
-    """
+    """The indicated length over a segment, as a function of the fraction of a move, or of time in a
+    standstill."""
 
     key: tuple[int, int]
     at: Array
@@ -71,11 +68,11 @@ class _Curve:
 
 
 class Readout:
-    """Turns machine times into indicated lengths.
+    """Converts machine times into indicated lengths.
 
-    The exact optics are computed at nodes of each segment and interpolated between them. While the
-    axes stand, the nodes are ``refresh_s`` apart in time, so that heat and air continue to change.
-    At both ends of a move the length is exact.
+    The exact optics are computed at nodes of each segment and interpolated between them; at both
+    ends of a move the length is exact. While the axes stand, the nodes are ``refresh_s`` apart in
+    time, so that heat and air continue to change.
     """
 
     def __init__(
@@ -95,9 +92,8 @@ class Readout:
         self._curve = _Curve((-1, -1), np.zeros(2), np.zeros(2))
 
     def read(self, time_s: Array) -> tuple[Array, Flags]:
-        """Return indicated lengths in mm, and whether a beam is up, at ascending machine times,
-        both shape (N,).
-        """
+        """Return indicated lengths in mm, and whether a beam is present, at ascending machine
+        times, both shape (N,)."""
         indicated = np.zeros(len(time_s))
         beam = np.zeros(len(time_s), dtype=np.bool_)
         for segment in self._player.span(float(time_s[0]), float(time_s[-1])):
@@ -152,9 +148,8 @@ class Readout:
 
 
 class HeadView:
-    """The input of the 4-DOF head during the program: light during its own runs, darkness
-    otherwise.
-    """
+    """The input of the 4-DOF head during the program: light during its own runs, otherwise
+    darkness."""
 
     def __init__(
         self,

@@ -1,6 +1,4 @@
-"""An instrument on a serial line: a thread that sends or answers for the instrument, and all faults
-of its cable.
-"""
+"""The thread of an instrument on a serial line, and all faults of its cable."""
 
 import threading
 from collections.abc import Callable
@@ -15,9 +13,8 @@ from stepdiag.virtual.base.ports import Line
 from stepdiag.virtual.physics.error_functions import Array
 
 _MAXIMUM_BACKLOG_S = 0.5
-"""Longest time in s for which samples are kept while an instrument is prevented from sending; on a
-lossless line, the duration of the samples that are sent at a time.
-"""
+"""Longest time in s for which samples are kept while an instrument cannot send; on a lossless line,
+the duration of the samples that are sent at a time."""
 
 
 @runtime_checkable
@@ -30,9 +27,7 @@ class Talking(Protocol):
         """Return the bytes that the instrument sends at power-on."""
         ...
 
-    def skip(self, count: int) -> None:
-        """Skip samples that are not sent."""
-        ...
+    def skip(self, count: int) -> None: ...
 
     def speak(self, wall_s: Array) -> bytes:
         """Return the bytes of consecutive samples taken at these wall times."""
@@ -41,7 +36,7 @@ class Talking(Protocol):
 
 @runtime_checkable
 class Responding(Protocol):
-    """An instrument that sends without requests, and takes commands."""
+    """An instrument that sends without requests, and accepts commands."""
 
     def respond(self, received: bytes) -> bytes:
         """Process the received bytes; return the answer."""
@@ -55,9 +50,7 @@ class Answering(Protocol):
         """Return the complete requests in the received bytes, and keep the rest."""
         ...
 
-    def answer(self, request: bytes, wall_s: float) -> bytes:
-        """Return the answer to one request."""
-        ...
+    def answer(self, request: bytes, wall_s: float) -> bytes: ...
 
     def watch(self, wall_s: float) -> None:
         """Continue to measure without requests."""
@@ -66,8 +59,6 @@ class Answering(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class CableFaults:
-    """The names of the faults that can occur on the cable of an instrument."""
-
     unplug: FaultKind
     silent: FaultKind
     garbage: FaultKind
@@ -81,8 +72,7 @@ AIR_CABLE = CableFaults("air-unplug", "air-silent", "air-garbage", "air-baud")
 
 class Talker:
     """The thread of an instrument. ``powered`` is called when the instrument gets power after its
-    cable was pulled.
-    """
+    cable was pulled."""
 
     def __init__(
         self,
@@ -107,11 +97,9 @@ class Talker:
         self._thread = threading.Thread(target=self._run, name=line.name)
 
     def start(self) -> None:
-        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and unplug the line."""
         self._stop.set()
         self._line.end()
         self._thread.join()
@@ -154,9 +142,6 @@ class Talker:
             device.watch(self._clock.wall_s())
 
     def _plugged_in(self, now: float) -> bool:
-        """Pull the cable or plug it in, as the faults state; return whether the instrument has just
-        got power.
-        """
         if self._faults.active(self._cable.unplug, now):
             self._line.unplug()
         elif not self._line.plugged:

@@ -1,6 +1,5 @@
 """Sensors of air and material on a separate line: a transmitter that answers requests, and a logger
-that sends without requests.
-"""
+that sends without requests."""
 
 from stepdiag.virtual.instruments.counting import Counting
 from stepdiag.virtual.instruments.interferometers import AskClimate
@@ -9,15 +8,13 @@ from stepdiag.virtual.physics.error_functions import Array
 
 class Transmitter:
     """A PTU300 with echo and prompt: it answers each ``SEND`` with a line
-    (`stepdiag.virtual.instruments.talker.Answering`).
-    """
+    (`stepdiag.virtual.instruments.talker.Answering`)."""
 
     def __init__(self, climate: AskClimate) -> None:
         self._climate = climate
         self._held = b""
 
     def requests(self, received: bytes) -> list[bytes]:
-        """Return the complete commands in the received bytes."""
         *whole, self._held = (self._held + received).split(b"\r")
         return whole
 
@@ -33,13 +30,12 @@ class Transmitter:
         return request + b"\r\n" + values.encode("ascii") + b"\r\n>"
 
     def watch(self, wall_s: float) -> None:
-        """Do nothing: measurements that nobody requests have no effect."""
+        """Do nothing: an unrequested measurement has no effect."""
 
 
 class Logger(Counting):
-    """A logger: it sends four lines a second with temperature, pressure in kPa, humidity and the
-    value of a probe on the machine (`Talking`).
-    """
+    """A logger that sends four lines per second: temperature, pressure in kPa, humidity, and the
+    value of a probe on the machine (`Talking`)."""
 
     def __init__(self, climate: AskClimate) -> None:
         super().__init__()
@@ -47,7 +43,6 @@ class Logger(Counting):
         self._climate = climate
 
     def speak(self, wall_s: Array) -> bytes:
-        """Return one line per sample."""
         now = self._climate()
         line = (
             f"{now.air_c:+.2f};{now.pressure_hpa / 10.0:.4f};{now.humidity_percent:.1f};"

@@ -1,4 +1,4 @@
-"""The conditions in the hall over machine time: temperatures, pressure and humidity."""
+"""Temperatures, pressure and humidity in the hall over machine time."""
 
 from dataclasses import dataclass, field
 
@@ -40,8 +40,8 @@ class Environment:
     def index(self, time_s: Array, wavelength_nm: float) -> Array:
         """Return the refractive index of the air at each time, shape (N,).
 
-        Air changes slowly: the index is computed at up to 200 times and interpolated between them
-        (below 1e-11).
+        The index is computed at up to 200 times and interpolated between them (error below 1e-11),
+        because air changes slowly.
         """
         times = np.asarray(time_s, dtype=np.float64)
         if len(times) == 0:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 ErrorFunction = Callable[[Array], Array]
 """A function from positions of an axis in mm, shape (N,), to an error in um (displacements) or urad
-(rotations), shape (N,).
-"""
+(rotations), shape (N,)."""
 
 AXES = "XYZ"
 DISPLACEMENTS = tuple(f"E{component}{axis}" for axis in AXES for component in "XYZ")
@@ -43,7 +42,7 @@ class Smooth:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """An error function that is linear between nodes; beyond the nodes the end values hold."""
+    """An error function that is linear between nodes and constant beyond them."""
 
     position_mm: tuple[float, ...]
     value: tuple[float, ...]
@@ -54,9 +53,8 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Waved:
-    """An error function with an additional periodic error, as of a ball screw or a scale; the
-    addition is zero at ``low_mm``.
-    """
+    """An error function plus a periodic error, as of a ball screw or a scale, which is zero at
+    ``low_mm``."""
 
     base: ErrorFunction
     amplitude: float
@@ -78,9 +76,7 @@ class Waved:
 
 
 def zero(position_mm: Array) -> Array:
-    """Return zeros, shape like ``position_mm``: the function of an error that the machine does not
-    have.
-    """
+    """Return zeros, shape like ``position_mm``: the function of a missing error."""
     return np.zeros_like(position_mm, dtype=np.float64)
 
 
@@ -105,8 +101,7 @@ def smooth(
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Amplitudes:
     """Sizes of the random errors: largest deviations in um and urad; scales are drawn between
-    -``scale_um_m`` and +``scale_um_m``.
-    """
+    -``scale_um_m`` and +``scale_um_m``."""
 
     positioning_um: float = 8.0
     straightness_um: float = 8.0
@@ -119,9 +114,9 @@ class Amplitudes:
 class ErrorSet:
     """All errors of a machine, as errors of the tool relative to the work, actual minus commanded.
 
-    ``functions`` holds any of the 18 functions (absent functions are zero), ``squareness_urad`` any
-    of the three squareness errors; half of ``reversal`` is added if the last move of the axis was
-    in +, and subtracted if it was in -.
+    ``functions`` contains any of the 18 functions (missing functions are zero), ``squareness_urad``
+    any of the three squareness errors. Half of ``reversal`` is added after a move of the axis in +,
+    and subtracted after a move in -.
     """
 
     low_mm: tuple[float, float, float]
@@ -136,8 +131,7 @@ class ErrorSet:
 
     def displacement_um(self, axis: int, position_mm: Array, direction: Array) -> Array:
         """Return the displacement of carriage ``axis`` (0, 1, 2), including the lines of its
-        squareness errors, shape (N, 3).
-        """
+        squareness errors, shape (N, 3)."""
         value = self._components("XYZ", axis, position_mm, direction)
         travelled_m = (np.asarray(position_mm, dtype=np.float64) - self.low_mm[axis]) * 1e-3
         if AXES[axis] == "Y":
@@ -175,8 +169,7 @@ def random_errors(
     amplitudes: Amplitudes | None = None,
 ) -> ErrorSet:
     """Draw the errors of a machine by ``seed``: nine displacement and nine angular functions,
-    scales and squareness of random sign.
-    """
+    scales and squareness of random sign."""
     wanted = amplitudes or Amplitudes()
     rng = np.random.default_rng(seed)
     functions: dict[str, ErrorFunction] = {}

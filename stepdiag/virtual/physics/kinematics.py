@@ -1,4 +1,4 @@
-"""Exact rigid-body kinematics: rotation matrices composed along the chain, nothing linearised.
+"""Exact rigid-body kinematics: rotation matrices composed along the chain, without linearisation.
 
 A chain is written from the workpiece to the tool with ``F`` for the foundation (ISO 10791-6 style):
 ``FXYZ`` is [w b X Y Z t], ``XYFZ`` is [w X' Y' b Z t]; axes left of ``F`` carry the work. Every
@@ -24,9 +24,7 @@ class Pose:
     rotation: Array
 
     def moved(self, offset_mm: Array) -> "Pose":
-        """Return the frame shifted by ``offset_mm`` (N, 3) or (3,) in the coordinates of the
-        frame.
-        """
+        """Return the frame shifted by ``offset_mm`` (N, 3) or (3,) in its own coordinates."""
         return Pose(self.point_mm(offset_mm), self.rotation)
 
     def turned(self, rotation: Array) -> "Pose":
@@ -52,8 +50,7 @@ class Pose:
 
 def rotation_matrix(angles_rad: Array) -> Array:
     """Return the rotation matrices of the vectors ``angles_rad`` (N, 3), shape (N, 3, 3): the
-    direction of a vector is the axis, its length the angle (Rodrigues).
-    """
+    direction of a vector is the axis, its length the angle (Rodrigues)."""
     angle = np.linalg.norm(angles_rad, axis=-1)[:, None, None]
     cross = np.zeros((len(angles_rad), 3, 3))
     cross[:, 0, 1], cross[:, 0, 2] = -angles_rad[:, 2], angles_rad[:, 1]
@@ -70,7 +67,7 @@ def rotation_matrix(angles_rad: Array) -> Array:
 def split_chain(chain: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return the axes on the work side and on the tool side, each in the order of the chain.
 
-    Raises ValueError when ``chain`` is not F, X, Y and Z once each.
+    Raises ValueError unless ``chain`` contains F, X, Y and Z once each.
     """
     if sorted(chain) != ["F", "X", "Y", "Z"]:
         raise ValueError(
@@ -89,11 +86,11 @@ def tool_pose(
     rotation_urad: list[Array],
     stand: Stand = "table",
 ) -> Pose:
-    """Return the frame at the end of the chain, seen from the workpiece table or from the floor.
+    """Return the frame at the end of the chain, viewed from the workpiece table or from the floor.
 
     ``travel_mm`` (N, 3) is counted from the point to which the errors refer; ``displacement_um``
-    and ``rotation_urad`` hold one array (N, 3) per axis. Viewed from the floor, the axes that carry
-    the work have no effect.
+    and ``rotation_urad`` contain one array (N, 3) per axis. Viewed from the floor, the axes that
+    carry the work have no effect.
     """
     work, tool = split_chain(chain)
     count = len(travel_mm)

@@ -1,6 +1,5 @@
-"""The virtual machine without clocks and without serial lines: from commanded positions to true
-poses and lengths of laser paths.
-"""
+"""The virtual machine without clocks and serial lines: from commanded positions to true poses and
+lengths of laser paths."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -50,10 +49,10 @@ class Machine:
     """A machine tool: its chain, its errors, its thermal behaviour, and the tables loaded into its
     control.
 
-    Errors refer to the point ``reference_mm`` (the low corner of the error set when None): there
-    the Abbe arms of all functions are zero. ``drift_um_h`` moves the tool relative to the work, as
-    a growing spindle does. ``expansion_um_m_c`` lengthens each axis by its material temperature
-    above 20 C. ``growth`` is the growth of the axes while the machine warms up.
+    Errors refer to the point ``reference_mm`` (None: the low corner of the error set), at which the
+    Abbe arms of all functions are zero. ``drift_um_h`` moves the tool relative to the work, like a
+    growing spindle. ``expansion_um_m_c`` lengthens each axis by its material temperature above 20
+    C. ``growth`` is the growth of the axes while the machine warms up.
     """
 
     errors: ErrorSet
@@ -71,7 +70,6 @@ class Machine:
 
     @property
     def origin_mm(self) -> Array:
-        """Return the point to which the machine's errors refer, shape (3,)."""
         return np.array(
             self.errors.low_mm if self.reference_mm is None else self.reference_mm,
             dtype=np.float64,
@@ -162,8 +160,7 @@ class Machine:
         time_s: Array | float = 0.0,
     ) -> Array:
         """Return the length that the instrument obtains from the optical path, dead path included,
-        before the count is set to zero, shape (N,).
-        """
+        before the count is set to zero, shape (N,)."""
         distance = self.distance_mm(setup, commanded_mm, direction=direction, time_s=time_s)
         if setup.assumed_index is None:
             return distance

@@ -21,15 +21,14 @@ class Target(Protocol):
     """A target that reflects the beam and moves with the tool."""
 
     def distance_mm(self, pose: Pose, beam: Beam) -> Array:
-        """Return the length of the optical path out and back, divided by two, shape (N,)."""
+        """Return half the length of the optical path out and back, shape (N,)."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
     """Deviation of a mirror's face from a plane, as a smooth map over its diameter; ``peak_um`` is
-    the largest height.
-    """
+    the largest height."""
 
     peak_um: float
     diameter_mm: float
@@ -55,8 +54,7 @@ class Figure:
 
 def perpendiculars(direction: Array) -> tuple[Array, Array]:
     """Return two unit vectors that make a right-handed frame with ``direction``: the first level
-    (or X for a vertical beam), the second up.
-    """
+    (or X for a vertical beam), the second up."""
     level = np.cross([0.0, 0.0, 1.0], direction)
     if np.linalg.norm(level) < 1e-9:
         level = np.array([1.0, 0.0, 0.0])
@@ -66,8 +64,7 @@ def perpendiculars(direction: Array) -> tuple[Array, Array]:
 
 def tilted(direction: Array, tilt_mrad: tuple[float, float]) -> Array:
     """Return the unit vector ``direction`` tilted by ``tilt_mrad`` towards its two
-    `perpendiculars`, shape (3,).
-    """
+    `perpendiculars`, shape (3,)."""
     level, up = perpendiculars(direction)
     leaning = direction + 1e-3 * (tilt_mrad[0] * level + tilt_mrad[1] * up)
     unit: Array = leaning / np.linalg.norm(leaning)
@@ -85,8 +82,7 @@ class PlaneMirror:
 
     def distance_mm(self, pose: Pose, beam: Beam) -> Array:
         """Return the distance at which the ray meets the mirror's plane, L = n.(P - S) / (n.u),
-        including the height of the face, shape (N,).
-        """
+        including the height of the face, shape (N,)."""
         normal = pose.vector(self.normal)
         pole = pose.point_mm(self.pole_mm)
         incidence = normal @ beam.direction
@@ -101,13 +97,12 @@ class PlaneMirror:
 
 @dataclass(frozen=True, slots=True)
 class CornerCube:
-    """A corner cube whose apparent vertex sits at ``vertex_mm`` in the tool's coordinates."""
+    """A corner cube with its apparent vertex at ``vertex_mm`` in the tool's coordinates."""
 
     vertex_mm: Array
 
     def distance_mm(self, pose: Pose, beam: Beam) -> Array:
         """Return the distance of the vertex along the beam, shape (N,): a corner cube returns the
-        ray parallel, whatever its attitude.
-        """
+        ray parallel, whatever its attitude."""
         distance: Array = (pose.point_mm(self.vertex_mm) - beam.source_mm) @ beam.direction
         return distance

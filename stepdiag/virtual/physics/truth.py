@@ -1,6 +1,5 @@
 """The true errors of the machine in the form of a result: 21 errors with ISO 230-1 names and signs
-(contract 1).
-"""
+(contract 1)."""
 
 from dataclasses import dataclass
 
@@ -22,8 +21,8 @@ class Truth:
 
     ``position_mm``: by axis letter, ascending. ``errors``: by name in um or urad, zero at the first
     position; a straightness has its end-point line removed, a positioning error keeps its slope.
-    ``squareness_urad`` holds the removed slopes; ``scale_um_m`` is the slope of the end-point line
-    of each positioning function.
+    ``squareness_urad`` contains the removed slopes; ``scale_um_m`` is the slope of the end-point
+    line of each positioning function.
     """
 
     position_mm: dict[str, Array]

@@ -1,4 +1,4 @@
-"""The PLC: the register block and its Modbus server.
+"""The PLC: the register block and its Modbus server (TCP or RTU).
 
-In: the drive. Out: registers on TCP or RTU. `bench` imports this package.
+`bench` imports this package.
 """

@@ -1,10 +1,10 @@
-"""The polls of a Modbus master: if a busy computer delays the polls, a patient machine stands a
-little longer.
+"""The polls of a Modbus master: if a busy computer delays the polls, a patient machine stands
+longer.
 
 On a real machine a dwell lasts seconds, and the recorder has a computer of its own. In a
-demonstration or a test a dwell lasts half a second, and all processes share a computer that may
-delay the recorder for half a second. During a fault of the bench that hides the machine's state,
-the machine does not wait.
+demonstration or a test a dwell lasts half a second, and the shared computer can delay the recorder
+for half a second. During a fault of the bench that hides the machine's state, the machine does not
+wait.
 """
 
 import threading
@@ -18,7 +18,7 @@ BREAK_S = 0.1
 GONE_S = 1.0
 """Time in s after the last poll from which the machine no longer waits for the master."""
 _REMEMBERED = 20_000
-"""Number of polls that are stored: more than arrive in any dwell of a patient machine."""
+"""Number of stored polls: more than arrive in any dwell of a patient machine."""
 _BLINDING: tuple[FaultKind, ...] = (
     "plc-silent",
     "plc-late",
@@ -30,7 +30,7 @@ _BLINDING: tuple[FaultKind, ...] = (
 
 
 class Attention:
-    """The times of the masters' polls in wall seconds. Several threads may use the object."""
+    """The times of the masters' polls in wall seconds; thread-safe."""
 
     def __init__(self, faults: FaultBoard) -> None:
         self._faults = faults
@@ -38,7 +38,6 @@ class Attention:
         self._looks_s: deque[float] = deque(maxlen=_REMEMBERED)
 
     def looked(self, wall_s: float) -> None:
-        """Record the time of a request."""
         with self._lock:
             self._looks_s.append(wall_s)
 
@@ -46,8 +45,8 @@ class Attention:
         """Return whether a master that still polls has not yet polled the state that began at
         ``from_s`` for ``wanted_s`` without a break.
 
-        The time counts from the first poll of the state, not from the beginning of the state: a
-        single late poll shows nothing of the time before.
+        The time begins with the first poll of the state: a late poll shows nothing of the time
+        before it.
         """
         with self._lock:
             there = bool(self._looks_s) and wall_s - self._looks_s[-1] < GONE_S

@@ -1,8 +1,8 @@
 """A Modbus slave written from the specification (Modbus Application Protocol V1.1b3; Serial Line
 V1.02).
 
-The slave does not use the library of the client, because it would share the errors of this library.
-It must also be able to answer late and in order, as a real PLC does.
+The slave does not use the client's library, whose errors it would share. It can also answer late
+and in order, as a real PLC does.
 """
 
 import struct
@@ -24,12 +24,11 @@ class ModbusError(Exception):
 
 
 class Memory(Protocol):
-    """The memory of a slave. Both of its methods raise `ModbusError`."""
+    """The memory of a slave. Both methods raise `ModbusError`."""
 
     def read(self, table: str, address: int, count: int) -> Sequence[int]:
         """Return the values of registers (0..65535) of ``holding`` or ``input``, or of bits (0, 1)
-        of ``coil`` or ``discrete``.
-        """
+        of ``coil`` or ``discrete``."""
         ...
 
     def write(self, table: str, address: int, values: Sequence[int]) -> None:
@@ -106,9 +105,7 @@ def _pack_bits(values: Sequence[int]) -> bytes:
 
 
 def checksum(frame: bytes) -> bytes:
-    """Return the CRC-16 of an RTU frame as it is sent, low byte first (polynomial A001h, start
-    FFFFh).
-    """
+    """Return the CRC-16 of an RTU frame, low byte first (polynomial A001h, start FFFFh)."""
     register = 0xFFFF
     for byte in frame:
         register ^= byte
@@ -119,8 +116,7 @@ def checksum(frame: bytes) -> bytes:
 
 def frame_length(start: bytes) -> int | None:
     """Return the length of the RTU request that begins with ``start``; None while ``start`` is too
-    short to determine it.
-    """
+    short to determine it."""
     if len(start) < 2:
         return None
     function = start[1]

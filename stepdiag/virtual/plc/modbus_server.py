@@ -34,9 +34,8 @@ class Slave:
         self._reboots: Fault | None = None
 
     def off(self) -> bool:
-        """Return whether the PLC reboots now; afterwards its stop counter begins again, unless the
-        PLC keeps the counter.
-        """
+        """Return whether the PLC reboots now. Afterwards its stop counter begins again, unless the
+        PLC keeps the counter."""
         now = self._faults.active("plc-reboot", self._clock.wall_s())
         if self._reboots is not None and now is None:
             self._plc.reboot(counts_on=self._reboots.value != 0.0)
@@ -45,8 +44,7 @@ class Slave:
 
     def answer(self, request: bytes) -> bytes | None:
         """Return the response PDU to a request PDU, possibly late; None if the PLC does not
-        answer.
-        """
+        answer."""
         now = self._clock.wall_s()
         self._attention.looked(now)
         if self._faults.active("plc-silent", now):
@@ -57,8 +55,7 @@ class Slave:
 
 
 class TcpSlave:
-    """Modbus TCP on loopback: any number of connections, served by one thread as a PLC cycle
-    does."""
+    """Modbus TCP on loopback: any number of connections, served by one thread like a PLC cycle."""
 
     def __init__(self, slave: Slave, *, host: str = "127.0.0.1", port: int = 0) -> None:
         self._slave = slave
@@ -72,15 +69,12 @@ class TcpSlave:
 
     @property
     def port(self) -> int:
-        """Return the port on which the PLC listens."""
         return self._address[1]
 
     def start(self) -> None:
-        """Start to answer requests."""
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and close every socket."""
         self._stop.set()
         self._thread.join()
         self._hang_up()
@@ -136,7 +130,6 @@ class TcpSlave:
             self._drop(stream)
 
     def _serve(self, stream: socket.socket, received: bytes) -> bytes:
-        """Answer every complete request in the received bytes and return the rest."""
         while len(received) > _HEADER.size:
             transaction, protocol, length, unit = _HEADER.unpack_from(received)
             end = 6 + length
@@ -155,7 +148,7 @@ class TcpSlave:
 
 
 class RtuSlave:
-    """Modbus RTU on a pty: requests for other units and broken frames are not answered."""
+    """Modbus RTU on a pty; requests for other units and broken frames get no answer."""
 
     def __init__(self, slave: Slave, line: SerialLine) -> None:
         self._slave = slave
@@ -164,11 +157,9 @@ class RtuSlave:
         self._thread = threading.Thread(target=self._run, name="virtual-plc-rtu")
 
     def start(self) -> None:
-        """Start to answer requests on the line."""
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and unplug the line."""
         self._stop.set()
         self._thread.join()
         self._line.unplug()

@@ -1,5 +1,5 @@
-"""The PLC of the virtual machine: the contract's register block (contract 2), encoded here from its
-table alone."""
+"""The PLC of the virtual machine: the register block of contract 2, encoded here from its table
+alone."""
 
 import struct
 import threading
@@ -31,9 +31,9 @@ class Plc:
     """The registers of the PLC at the time of a master's request.
 
     The image is renewed every ``scan_s``: a change in the control appears up to ``scan_s`` later,
-    in counter and position ``lag_s`` after that. ``order`` is the byte order of the 32-bit
+    in counter and position after a further ``lag_s``. ``order`` is the byte order of the 32-bit
     positions, ``base`` the address of the block. ``registers`` selects commanded or actual
-    positions; ``seed`` draws the scatter of actual positions anew for each scan. Coils and discrete
+    positions; ``seed`` draws the scatter of actual positions for each scan. Coils and discrete
     inputs 0 to 2 repeat the bits of the state word.
     """
 
@@ -69,9 +69,8 @@ class Plc:
         self._frozen: list[int] | None = None
 
     def reboot(self, *, counts_on: bool = False) -> None:
-        """Discard the captured stop, and set the stop counter to 0, unless the PLC keeps the
-        counter.
-        """
+        """Discard the captured stop, and set the stop counter to 0 unless the PLC keeps the
+        counter."""
         with self._lock:
             if not counts_on:
                 self._counted_before_reboot = self._player.advance(
@@ -81,9 +80,8 @@ class Plc:
             self._player.forget_captured()
 
     def read(self, table: str, address: int, count: int) -> Sequence[int]:
-        """Return registers or bits of the image; raises `ModbusError` for an address outside the
-        image, or during a fault that causes an exception.
-        """
+        """Return registers or bits of the image. Raises `ModbusError` for an address outside the
+        image, or during a fault that causes an exception."""
         if fault := self._faults.active("plc-exception", self._clock.wall_s()):
             raise ModbusError(int(fault.value) or 4)
         with self._lock:
@@ -96,7 +94,7 @@ class Plc:
             return _slice(image, address - self._base, count)
 
     def write(self, table: str, address: int, values: Sequence[int]) -> None:
-        """Store the register ``captured``; a write to any other address is refused."""
+        """Store the register ``captured``; any other address is refused."""
         if table != "holding" or address != CAPTURED_REGISTER or len(values) != 1:
             raise ModbusError(ILLEGAL_ADDRESS)
         with self._lock:
@@ -152,7 +150,6 @@ class Plc:
         return shown
 
     def _long(self, value: int) -> list[int]:
-        """Return a signed 32-bit value as two registers in the byte order of this PLC."""
         abcd = struct.pack(">i", value)
         return list(struct.unpack(">HH", bytes(abcd[place] for place in self._order)))
 

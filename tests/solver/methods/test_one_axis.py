@@ -156,7 +156,7 @@ def test_from_readings_to_a_table_on_the_command_line(setups, tables, tmp_path):
     result, out = tmp_path / "result.json", tmp_path / "files"
     solved = stepdiag("solve", tmp_path / "readings.csv", "--out", result)
     assert solved.code == 0, solved.refusal
-    assert "nothing is stated about the volume" in solved.out
+    assert "the errors in the volume are unknown" in solved.out
     done = stepdiag(
         "export", result, "--controller", "siemens", "--step-mm", "50", "--out", out
     )
@@ -174,7 +174,7 @@ def test_from_readings_to_a_table_on_the_command_line(setups, tables, tmp_path):
         done = stepdiag(*arguments)
         assert done.code == 0, done.refusal
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "nothing is stated about the volume" in page
+    assert "the errors in the volume are unknown" in page
     assert 'id="field-before"' not in page
     assert json.loads(result.read_text(encoding="utf-8"))["volume"]["size_mm"].count(
         0.0
@@ -187,4 +187,4 @@ def test_a_machine_that_was_measured_whole_is_compared_with_one_axis_of_it(tmp_p
     axis.write_text(solve(ALONE.readings()).to_json(), encoding="utf-8")
     done = stepdiag("compare", whole, axis)
     assert done.code == 0, done.refusal
-    assert "error where the axes travelled" in done.out
+    assert "error along the travelled axes" in done.out

@@ -125,7 +125,7 @@ def test_u_at_a_point_covers_the_truth_of_exact_machines():
 
 
 def test_a_point_outside_of_the_volume_is_refused(result):
-    with pytest.raises(UsageError, match="within"):
+    with pytest.raises(UsageError, match="inside"):
         result.at(1e4, 0, 0)
 
 

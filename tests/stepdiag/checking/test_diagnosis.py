@@ -106,7 +106,7 @@ class TestLaser:
         laser_is_well(seen)
         for at in range(30):
             seen.take(Chunk("laser", 6 * S + at, b"12.5 \x00\xff\n"))
-        assert "the cable is bad" in told(seen, "warning")["bytes-garbled"]
+        assert "check the cable" in told(seen, "warning")["bytes-garbled"]
 
     @pytest.mark.parametrize(
         ("beam", "code"), [(0.05, "beam-lost"), (0.3, "instrument-reports.weak-beam")]
@@ -119,7 +119,7 @@ class TestLaser:
         laser_is_well(seen_fast := seen_of(LINE_SURVEY + "rate_hz = 200.0\n"))
         seen_fast.seconds = 5.0
         assert (
-            "should give 200.0 samples a second and gives 100.0"
+            "sends 100.0 samples per second instead of 200.0"
             in told(seen_fast, "warning")["samples-missing.rate"]
         )
 
@@ -135,7 +135,7 @@ class TestMachine:
     def test_a_heartbeat_that_stands_still(self, seen):
         for poll in range(200):
             answer(seen, 1 + poll / 50, registers(7))
-        assert "stays at 7 for 4 s" in told(seen, "error")["heartbeat-still"]
+        assert "is 7 for 4 s" in told(seen, "error")["heartbeat-still"]
 
     def test_a_heartbeat_that_is_too_slow(self, seen):
         for poll in range(400):
@@ -161,7 +161,9 @@ class TestMachine:
 
     def test_a_setup_number_that_does_not_exist(self, seen):
         machine_is_well(seen, setup=77)
-        assert "setup reads 77" in told(seen, "warning")["signals-absent.setup-number"]
+        assert (
+            "the signal setup is 77" in told(seen, "warning")["signals-absent.setup-number"]
+        )
 
     def test_an_answer_of_another_length(self, seen):
         answer(seen, 1, b"\x00\x01")
@@ -171,7 +173,7 @@ class TestMachine:
         for poll in range(50):
             answer(seen, 1 + poll / 10, registers(poll))
         assert (
-            "10 polls a second are answered instead of 50"
+            "answers 10 polls per second instead of 50"
             in told(seen, "warning")["samples-missing.polls"]
         )
 

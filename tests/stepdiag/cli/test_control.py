@@ -274,7 +274,7 @@ class TestVerify:
         )
         assert "cec: a positive value moves the axis in - (as-error)" in told.out
         assert (
-            "does not identify these quantities: the scale of X, the scale of Y, the scale of Z"
+            "the figures do not include them: the scale of X, the scale of Y, the scale of Z"
             in told.out
         )
         assert "worse-after" not in told.out
@@ -299,8 +299,8 @@ class TestVerify:
         )
         for told in (exported, stepdiag("verify", said, tmp_path / "out", "--verbose")):
             assert (
-                "U (k = 2) assumes these sizes where the readings do not show them: angular "
-                "errors over 7 µrad" in told.out
+                "U (k = 2) assumes these sizes for errors that the readings do not determine: "
+                "angular errors over 7 µrad" in told.out
             )
 
     def test_files_with_the_wrong_sign_are_named(self, result, tmp_path):
@@ -480,7 +480,7 @@ class TestReadBack:
         )
         assert told.code == 0, told.out
         assert re.search(
-            r"read back: \d+ numbers and 18 switches and weights in the control are as written",
+            r"read back: \d+ numbers and 18 switches and weights in the control agree",
             told.out,
         )
 
@@ -560,7 +560,7 @@ class TestSignTest:
         assert told.code == 0
         names = {path.name for path in (tmp_path / "bump").iterdir()}
         assert {"AX_EEC.INI", "AX_EEC_RESTORE.INI", "SIGNTEST.txt"} <= names
-        assert "X moves -10.0 µm" in (tmp_path / "bump" / "SIGNTEST.txt").read_text(
+        assert "X moves by -10.0 µm" in (tmp_path / "bump" / "SIGNTEST.txt").read_text(
             encoding="utf-8"
         )
 
@@ -612,7 +612,7 @@ class TestSignTest:
         )
         hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (off, on)]
         assert f"runs_sha256 = {json.dumps(hashes)}" in told.out
-        assert ("an export is refused until" in told.out) == (verdict == "as-compensation")
+        assert ("every export is refused until" in told.out) == (verdict == "as-compensation")
 
     def test_swapped_runs_are_refused_by_name(self, profile, result, tmp_path):
         """They were recorded as the opposite sense, and a machine went from 7.46 to 9.28 um."""
@@ -637,7 +637,7 @@ class TestSignTest:
             "signtest", "--controller", "siemens", "--profile", full, "--off", off, "--on", on
         )
         assert told.code == 2
-        assert "--result: expected the survey's result" in told.refusal
+        assert "--result: expected the result of the survey" in told.refusal
 
     def test_a_table_that_was_not_active_decides_nothing(self, profile, result, tmp_path):
         off, on = self.runs(profile, tmp_path, 0.0)
@@ -657,7 +657,7 @@ class TestSignTest:
         arguments = (*self.arguments(profile, result), "--function", "EYX")
         assert "not active" in stepdiag(*arguments, "--run", run).refusal
         assert (
-            "a linear run sees its own axis only"
+            "a linear run measures only its own axis"
             in stepdiag(*arguments, "--off", run, "--on", run).refusal
         )
 
@@ -667,4 +667,4 @@ class TestSignTest:
     def test_half_a_request_is_refused(self, profile, result, extra):
         told = stepdiag(*self.arguments(profile, result), *extra)
         assert told.code == 2
-        assert "--out DIR to write the bump" in told.refusal
+        assert "--out DIR to write the table with the bump" in told.refusal

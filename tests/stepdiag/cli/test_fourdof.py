@@ -205,7 +205,7 @@ def test_a_survey_file_gives_the_program_that_commissions_its_head(tmp_path):
         tmp_path / "nc",
     )
     said = fourdof("commission", tmp_path / "survey.toml", *ours)
-    assert "next: `stepdiag run survey.toml`" in said
+    assert "next: start `stepdiag run survey.toml`" in said
     (program,) = (tmp_path / "nc").glob("O*")
     text = program.read_text()
     assert text.count("(WOBBLE THE POINTING") == 2
@@ -350,7 +350,7 @@ def test_compare_finds_how_far_the_heads_stood_from_each_other(tmp_path):
     assert np.all(np.abs(np.array(found["mm"]) - arm) < 3 * np.array(found["u_mm"]))
     assert max(found["u_mm"]) < 5.0
     assert max(found["rms_um"].values()) < 0.25
-    assert "X: the head stood from the reference at x +" in fourdof(
+    assert "X: distance of the head from the reference x +" in fourdof(
         "compare", tmp_path / "ours.csv", "--reference", tmp_path / "theirs.csv"
     )
 
@@ -405,7 +405,7 @@ def test_a_gap_in_the_samples_is_no_stability():
         channels=record.channels,
     )
     with pytest.raises(
-        DataError, match="expected samples in every 1 s, found no samples from"
+        DataError, match="expected samples in every interval of 1 s, found no samples after"
     ):
         late.averaged(1.0)
 

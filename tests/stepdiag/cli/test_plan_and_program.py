@@ -257,12 +257,12 @@ class TestPlan:
     def test_for_a_person(self, survey):
         told = stepdiag("plan", survey, "--minutes", 125, "--verbose")
         assert "forecast: U (k = 2)" in told.out
-        assert "surveys worth their time" in told.out
+        assert "recommended surveys" in told.out
         assert "diagonal X+Y-Z- to X-Y+Z+ (npp)" in told.out
         assert "BEST SURVEY" in told.out
         assert (
-            "U (k = 2) assumes these sizes where the readings do not show them: angular errors "
-            "over 15 µrad" in told.out
+            "U (k = 2) assumes these sizes for errors that the readings do not determine: "
+            "angular errors over 15 µrad" in told.out
         )
 
     def test_the_floor_that_the_control_sets_is_named(self, survey):
@@ -272,7 +272,7 @@ class TestPlan:
             file.write('[[export]]\ncontroller = "fanuc"\nprofile = "fanuc.toml"\n')
         told = stepdiag("plan", survey, "--minutes", 90)
         assert re.search(
-            r"tables of one axis each leave 0\.\d+ µm, however many lines are driven",
+            r"with tables of one axis each, an error of 0\.\d+ µm remains",
             " ".join(told.out.split()),
         )
 
@@ -294,7 +294,7 @@ class TestPlan:
         ]
         drives = ", ".join(run["setup"] for run in better[0]["runs"])
         assert (
-            f"[plan] now drives {drives}; repeats = 1; {better[0]['increments']} increments"
+            f"[plan] now contains {drives}; repeats = 1; {better[0]['increments']} increments"
             in done.refusal
         )
         again = json.loads(stepdiag("plan", survey, "--minutes", 15, "--json").out)[
@@ -310,7 +310,7 @@ class TestPlan:
         survey.write_text(begun(MachineClass(), survey.name), encoding="utf-8")
         done = stepdiag("plan", survey, "--minutes", 240, "--apply", "--verbose")
         plan = parse_survey(survey.read_text(encoding="utf-8"), survey.name).plan
-        assert f"[plan] now drives {', '.join(plan.all_setups)};" in " ".join(
+        assert f"[plan] now contains {', '.join(plan.all_setups)};" in " ".join(
             done.refusal.split()
         )
         named = ", ".join(setup_words(each, "en") for each in plan.all_setups)
@@ -365,7 +365,7 @@ class TestAdviceThatCanBeFollowed:
         ]
         told = stepdiag("plan", path, *asked, "--apply")
         assert told.code == 0, told.refusal
-        assert asked[0] == "--minutes" or "a 4-DOF head along each axis:" in " ".join(
+        assert asked[0] == "--minutes" or "with a 4-DOF head along each axis," in " ".join(
             told.out.split()
         )
         again = json.loads(stepdiag("plan", path, "--minutes", 15, "--json").out)["forecast"]

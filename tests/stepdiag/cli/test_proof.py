@@ -154,4 +154,4 @@ def test_a_verdict_begins_with_the_action_and_fits_a_screen(
     )
     assert len(printed[False]) <= 30 < len(printed[True])
     assert ["[[sign_tests]]" in lines for lines in printed.values()] == [False, True]
-    assert any("2 record(s)" in line for line in printed[False])
+    assert any("2 profile entries" in line for line in printed[False])

@@ -90,7 +90,7 @@ def test_a_straight_diagonal_that_was_not_used_is_held_against_the_result(files,
 
 def test_what_is_asked_wrongly_is_refused(files, tmp_path):
     whole, diagonals, runs = files
-    assert "linear-x once" in stepdiag("solve", whole, "--run", runs[0]).refusal
+    assert "the setup linear-x once" in stepdiag("solve", whole, "--run", runs[0]).refusal
     assert (
         "before the =" in stepdiag("solve", diagonals, "--run", f"linear-q={runs[0]}").refusal
     )
@@ -98,7 +98,7 @@ def test_what_is_asked_wrongly_is_refused(files, tmp_path):
         "three coordinates" in stepdiag("solve", diagonals, "--run", f"{runs[0]}@1,2").refusal
     )
     assert (
-        "state the place of the line"
+        "give a point of the measured line"
         in stepdiag("solve", diagonals, "--run", f"{runs[0]}@,9999,0").refusal
     )
     assert (

@@ -32,7 +32,7 @@ class TestSolve:
     def test_a_result_at_a_glance(self, tmp_path):
         told = stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json", "--verbose")
         assert told.code == 0
-        assert "volume 1000 x 800 x 500 mm" in told.out
+        assert "volume of 1000 x 800 x 500 mm" in told.out
         assert float(cells(told.out, "EXX")[1]) == pytest.approx(16.22, abs=4.0), (
             "range of the shape, um; unknown angles make u 6 um"
         )
@@ -223,7 +223,7 @@ class TestResultTable:
             "ERROR   a: worst",
             "WARNING a: axis 0",
             "WARNING a: axis 1",
-            "3 more of a: --verbose prints them",
+            "3 more findings with the code a: --verbose prints them",
         ]
         print_findings(findings, verbose=True)
         assert capsys.readouterr().out.count("WARNING a") == 5

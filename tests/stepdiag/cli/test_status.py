@@ -104,8 +104,11 @@ def test_a_pass_left_in_the_middle_goes_on_from_its_last_stop(survey):
     out = stepdiag("status", survey).out
     missing = "pass 1: stops 5–10 are missing: drive again from stop 4 on"
     assert f"diagonal X-Y-Z- to X+Y+Z+ (ppp): {missing}" in out
-    assert "0001.mcap.part: not closed: it is being written, or it was cut off" in out
-    assert "next: diagonal X-Y-Z- to X+Y+Z+ (ppp)" in out
+    assert (
+        "0001.mcap.part: the log is not closed: a daemon is writing it, or it was cut off"
+        in out
+    )
+    assert "next setup: diagonal X-Y-Z- to X+Y+Z+ (ppp)" in out
 
 
 def test_a_beam_that_was_lost_says_so(survey):
@@ -126,8 +129,7 @@ def test_the_folder_alone_is_enough_and_the_last_round_counts(survey):
     assert told(folder)["next_setup"] == "ppp"
     assert told(folder / "0001")["complete"]
     assert (
-        "every pass is complete, but there is no result yet: `stepdiag solve"
-        in stepdiag("status", folder / "0001").out
+        "every pass is complete; `stepdiag solve" in stepdiag("status", folder / "0001").out
     )
     (folder / "0001" / "result.json").write_text("{}", encoding="utf-8")
     assert "complete: " in stepdiag("status", folder / "0001").out
@@ -180,13 +182,13 @@ def test_the_state_fits_a_screen_and_verbose_prints_every_doubt(
     # a path is one word, and as long as the folder of the test
     own = [line for line in lines if "`" not in line and str(tmp_path) not in line]
     assert max(map(len, own)) <= 80
-    (next_,) = (at for at, line in enumerate(lines) if line.startswith("next: "))
+    (next_,) = (at for at, line in enumerate(lines) if line.startswith("next setup: "))
     assert next_ < next(
         at for at, line in enumerate(lines) if "setup" in line and "stops" in line
     )
     assert all(f"{4.0 - at:+.1f} µm" in whole for at in (-2, -5, -7))
     accepted = stepdiag("accept", file, "ppp/1", "--reason", "looked at it", "--verbose").out
-    assert accepted.count("still doubted") == 9
+    assert accepted.count("open doubt") == 9
 
 
 def test_each_doubt_of_a_pass_is_said_in_words_before_the_command_that_accepts_it(survey):
@@ -316,7 +318,7 @@ def test_a_log_of_another_survey_among_them_is_named_and_does_not_count(survey, 
     )
     assert told(survey)["next_setup"] == "npp"
     assert (
-        "0002.mcap: different content: its stops are not counted here"
+        "0002.mcap: different content: the stops of this log are not counted"
         in stepdiag("status", survey).out
     )
 

@@ -86,7 +86,7 @@ def test_init_asks_on_a_terminal_until_it_understands(
     asked = CliRunner().invoke(app, [str(tmp_path / "a.toml")], input="best\ngood\n\n20\n")
     assert asked.exit_code == 0, asked.output
     assert (
-        "ordinary  a machining centre in a shop: repeats to 0.5 µm, angular errors of 15 µrad"
+        "ordinary  a machining centre in a shop; repeatability 0.5 µm, angular errors 15 µrad"
         in joined(asked.output)
     )
     stated = load_survey(tmp_path / "a.toml").uncertainty
@@ -95,12 +95,12 @@ def test_init_asks_on_a_terminal_until_it_understands(
 
 def test_info_says_whether_a_log_is_whole(tmp_path: Path, cut_off: Path) -> None:
     whole = run("info", tmp_path / "whole.mcap")
-    assert "whole.mcap: whole, complete" in whole
+    assert "whole.mcap: the log is complete, complete" in whole
     assert "0 stops, 25 polls of the machine" in whole
     damaged = run("info", cut_off)
     assert (
-        "not whole (the log was cut off; 20 bytes cannot be read, 0 events lost with them); "
-        "`stepdiag recover` mends it" in damaged
+        "the log is not complete (the log was cut off; 20 bytes cannot be read, and 0 events are "
+        "lost); `stepdiag recover` repairs it" in damaged
     )
 
 
@@ -116,7 +116,7 @@ def test_recover_says_what_it_kept_and_what_not(cut_off: Path) -> None:
     told = run("recover", cut_off)
     assert "300 events" in told
     assert "20 bytes" in told
-    assert "mended from 0001.mcap.part" in run("info", cut_off.with_suffix(""))
+    assert "repaired from 0001.mcap.part" in run("info", cut_off.with_suffix(""))
     with pytest.raises(DataError, match="a log is never overwritten"):
         run("recover", cut_off)
 

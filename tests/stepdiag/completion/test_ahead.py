@@ -103,8 +103,8 @@ def test_a_taken_setup_stands_in_the_survey_file(file):
     assert (status.setup, status.further) == ("ppp+1", True)
     assert (
         rendered(status.words, "de")
-        == "Größter Gewinn: Diagonale X-Y-Z- nach X+Y+Z+ (ppp) auf einer Linie, verschoben um "
-        "150 mm in z. 1,2 -> 1,1 µm, 40 min."
+        == "Den größten Gewinn bringt Diagonale X-Y-Z- nach X+Y+Z+ (ppp) auf einer Linie, "
+        "verschoben um 150 mm in z: die Abweichung sinkt von 1,2 auf 1,1 µm, in 40 min."
     )
     assert take(file, load_survey(file), ahead) == SHIFTED
     survey = load_survey(file)
@@ -129,4 +129,7 @@ def test_what_follows_the_next_setup_is_counted(file):
     """One setup is taken at a time; a list of short names names no place."""
     ahead = replace(EMPTY, runs=(SHIFTED, Run(setup="npp"), Run(setup="ppn")), end=False)
     told = str(in_words(ahead, load_survey(file)).words)
-    assert "With 2 more after it 1.2 -> 1.1 µm, 40 min." in told
+    assert (
+        "together with 2 later setups: the error decreases from 1.2 to 1.1 µm, in 40 min."
+        in told
+    )

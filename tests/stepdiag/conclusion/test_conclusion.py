@@ -135,7 +135,7 @@ class TestWhatIsWrong:
         )
         (_, sentence), *_ = conclude(result).wrong
         assert f"C0Y, towards {towards}" in render(sentence, "en")
-        assert "Y steht 25,00 µrad schief zu X" in render(sentence, "de")
+        assert "Y steht um 25,00 µrad schief zu X" in render(sentence, "de")
 
     def test_what_lies_within_its_uncertainty_is_not_wrong(self) -> None:
         """3 urad with u = 2 urad say nothing of the machine."""
@@ -167,7 +167,8 @@ class TestReach:
         words = words_of(conclusion_document(conclude(made_up_result(), exports)), "en")
         assert (
             words["reached"][1]
-            == "After compensation, predicted: 1.3 to 2.7 µm (rms, k = 2), largest up to 6.1 µm."
+            == "After compensation, predicted: 1.3 to 2.7 µm (rms, k = 2), largest vector up to "
+            "6.1 µm."
         )
 
     def test_a_result_of_version_1_promises_nothing(self) -> None:
@@ -186,7 +187,7 @@ class TestReach:
             "en",
         )
         assert "at best 0.1 µm" in words["reached"][1]
-        assert "A new measurement shows the result" in words["reached"][1]
+        assert "Only a new survey shows the result" in words["reached"][1]
 
     @given(st.floats(0.0, 500.0), st.floats(0.0, 500.0))
     def test_the_written_interval_holds_the_computed_one(
@@ -233,7 +234,8 @@ class TestReach:
         reached = conclude(bumped, [export_of(written)]).reached
         told = [one.text for one in written.findings if one.code == "stretch-worse"]
         assert [render(one, "en") for one in reached[2:]] == [
-            f"Not everywhere, with the files for siemens: {text}." for text in told
+            f"The files for siemens do not reduce the error everywhere: {text}."
+            for text in told
         ]
         assert len(told) == 2
         german = render(reached[2], "de")
@@ -254,7 +256,7 @@ class TestWhatToLoad:
             [Export(controller="siemens", untested=("EEC", "CEC"))],
         )
         assert [render(one, "en") for one in found.load] == [
-            "siemens: nothing before its sign test (EEC, CEC)."
+            "siemens: load nothing before the sign test of EEC, CEC."
         ]
         assert render(found.next_step, "en").startswith("Make the sign test on siemens")
 
@@ -451,13 +453,13 @@ class TestBasis:
     def test_which_lengths_the_tables_correct(self) -> None:
         (text,) = self.said(lengths=self.LENGTHS)
         assert text.startswith(
-            "Lengths are as measured, at 23.40 °C, and the tables correct these lengths: scales X "
-            "+3.2 ± 3.0"
+            "Lengths are valid as measured, at 23.40 °C; the tables contain the scales for this "
+            "temperature, X +3.2 ± 3.0"
         )
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c"})
-        assert text.startswith("Lengths are brought from 23.40 °C to 20 °C")
+        assert text.startswith("Lengths are converted from 23.40 °C to 20 °C")
         (text,) = self.said(lengths={**self.LENGTHS, "material_c": None})
-        assert "The machine's temperature was not measured throughout" in text
+        assert "the temperature of the machine was not measured for all stops" in text
         (text,) = self.said("de", lengths=self.LENGTHS)
         assert "bei 23,40 °C" in text
         assert "X +3,2 ± 3,0" in text
@@ -467,7 +469,7 @@ class TestBasis:
         assert "angular errors over 7.5 µrad" in text
         assert "air and wavelength 0.3 ppm" in text
         (text,) = self.said(tool={"up_to_um_per_100_mm": 3.21})
-        assert "100 mm from it may differ by up to 3.2 µm" in text
+        assert "at a distance of 100 mm can differ by up to 3.2 µm" in text
 
     def test_the_file_says_the_same_as_the_result(self) -> None:
         """The index is some 1e-7: of the six decimals that a file keeps it left 0 ppm."""
@@ -484,13 +486,11 @@ class TestBasis:
             "assumed": {"air_pressure_hpa": 1013.25},
         }
         (text,) = self.said(conditions=conditions)
-        assert (
-            "where no sensor measured it, p = 1013.25 hPa of the survey file was used" in text
-        )
+        assert "for these stops p = 1013.25 hPa of the survey file was used" in text
         (text,) = self.said("de", conditions=conditions)
         assert "p = 1013,25 hPa aus der Vermessungsdatei" in text
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c", "material_c": None})
-        assert "it was assumed, and U includes its uncertainty" in text
+        assert "U contains the uncertainty of this temperature" in text
 
     def test_an_older_or_foreign_result_says_nothing(self) -> None:
         assert self.said() == []
@@ -506,7 +506,7 @@ class TestWhatWasNotMeasured:
     """An interval that is wide for what nobody measured says so: it is no spread of the
     readings."""
 
-    SAID = "The interval is wide for this reason"
+    SAID = "The interval of the prediction is therefore wide"
 
     @pytest.mark.parametrize(
         ("setups", "said"),
@@ -550,15 +550,21 @@ class TestUnseenSlip:
 
     def test_is_said_with_the_sizes_that_are_noticed(self) -> None:
         (words,) = self.said()
-        assert "2.5 µm in diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 5 would" in words
-        assert "4.0 µm are nearly always noticed (95 %)" in words
+        assert (
+            "2.5 µm in diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 5 stays undetected"
+            in words
+        )
+        assert "a slip of 4.0 µm is nearly always detected (95 %)" in words
 
     def test_is_said_with_its_passes_where_it_makes_more_than_the_readings_do(self) -> None:
         """0.5 µm of 1.9 that are left, but the readings make 0.2 of the volume: the stated u has
         that and not the slip."""
         slip, passes = self.said(volume_um=0.5, readings_um=0.2, passes=["npp/1", "ppp/2"])
-        assert "2.5 µm in diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 5 would" in slip
-        assert "In npp (pass 1); ppp (pass 2) a slip that stays unnoticed adds" in passes
+        assert (
+            "2.5 µm in diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 5 stays undetected"
+            in slip
+        )
+        assert "In npp (pass 1); ppp (pass 2) an undetected slip adds" in passes
         assert "(0.2 µm, k = 1)" in passes
         assert self.said(volume_um=0.5, readings_um=0.2, passes="nonsense") == [slip]
 
@@ -597,7 +603,10 @@ class TestUnseenSlip:
 
     def test_of_any_size_is_always_said(self) -> None:
         (words,) = self.said(half_um=None, nearly_um=None, volume_um=None)
-        assert "(npp), pass 1 out, stop 5: no reading shows them" in words
+        assert (
+            "No reading shows a slip of the laser's count in diagonal X+Y-Z- to X-Y+Z+ (npp), pass "
+            "1 out, stop 5" in words
+        )
 
 
 def test_a_proof_run_concludes_with_its_verdict_alone() -> None:

@@ -73,7 +73,10 @@ def test_absent_secrets_are_said(root: Path) -> None:
         "publish", root, "--opcua", "127.0.0.1", "--certificate", "/etc/stepdiag/server.pem"
     )
     for each in ("opcua-user", "opcua-password", "opcua-key"):
-        assert f"credential {each}: mill.{each} is missing, so it is left out" in told
+        assert (
+            f"credential {each}: mill.{each} is missing, so this credential is left out"
+            in told
+        )
     assert lines(root, "LoadCredential") == []
 
 
@@ -89,7 +92,7 @@ def test_user_and_password_go_together(root: Path, kind: str, alone: str) -> Non
     told = stepdiag(
         "service", "publish", root / "etc/stepdiag/mill.toml", "--root", root, *way
     )
-    assert (told.code, f"mill.{kind}-{alone} alone" in told.refusal) == (2, True), told
+    assert (told.code, f"only mill.{kind}-{alone}" in told.refusal) == (2, True), told
     assert not (root / UNIT).exists()
 
 

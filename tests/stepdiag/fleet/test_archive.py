@@ -337,7 +337,7 @@ def test_the_command_says_what_it_did(survey: Path, tmp_path: Path) -> None:
     told = stepdiag("archive", "add", survey, "--to", tmp_path / "store", "--json")
     assert [each["outcome"] for each in json.loads(told.out)] == ["archived"]
     told = stepdiag("archive", "add", survey, "--to", tmp_path / "store")
-    assert told.out.startswith("already there: ")
+    assert told.out.startswith("already in the store: ")
     assert archiving.MOST_LOOSE > 0
 
 

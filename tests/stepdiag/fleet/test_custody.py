@@ -85,7 +85,7 @@ def table_in(folder: Path, machine: str = "Mill 7") -> Path:
 
 def test_what_is_true_holds(folder: Path) -> None:
     told = stepdiag("verify", folder / "c.xml", "--custody", folder / "store")
-    assert (told.code, "holds: 3 links" in told.out) == (0, True), told.out
+    assert (told.code, "is correct: 3 links" in told.out) == (0, True), told.out
     result = table_in(folder).with_suffix("") / "result.json"
     assert (
         result_named(table_in(folder).read_bytes())
@@ -267,7 +267,7 @@ def shown(store: Store) -> str:
 
 def test_check_reads_a_store_whole(folder: Path) -> None:
     told = stepdiag("archive", "check", folder / "store")
-    assert (told.code, "is intact: 2 surveys" in told.out) == (0, True)
+    assert (told.code, "is undamaged and contains 2 surveys" in told.out) == (0, True)
     (_survey(folder) / "readings.csv").write_text("", encoding="utf-8")
     (_survey(folder, "Mill 8") / "result.json").unlink()
     told = stepdiag("archive", "check", folder / "store")

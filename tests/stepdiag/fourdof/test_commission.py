@@ -183,8 +183,8 @@ def test_a_sum_at_its_end_and_a_clipped_spot_are_refused():
     plain = ordinary_head(3)
     with pytest.raises(
         DataError,
-        match=r"commission: qd: expected a sum with the noise of light, found the value 9.*the "
-        r"electronics are saturated",
+        match=r"commission: qd: expected a sum with the noise of light, found a sum that repeats "
+        r"the value 9.*the electronics are saturated",
     ):
         Rig(3, qd=replace(plain.qd, ceiling=0.9)).commissioned()
     standings = Rig(3).standings()
@@ -212,7 +212,7 @@ def test_a_sum_at_its_end_and_a_clipped_spot_are_refused():
     )
     with pytest.raises(
         DataError,
-        match=r"commission: qd: .*one sum differs from the others by 5\.\d %: the spot",
+        match=r"commission: qd: .*differs from the other sums by 5\.\d %: this detector",
     ):
         commission(standings, NEW, RUN, "z", "2026-11-26")
 

@@ -186,7 +186,7 @@ def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
             "encryption, since a password is sent",
         ),
         (("--broker", "a", "--password-file", "p"), "a user for the password"),
-        (("--broker", "a", "--plain", "--ca", "x.pem"), "--ca, or --plain"),
+        (("--broker", "a", "--plain", "--ca", "x.pem"), "either --ca or --plain"),
         (("--broker", "a", "--password-file", "open"), "chmod 600"),
         (("--broker", "a", "--ca", "s.toml"), "certificates in PEM"),
     ],

@@ -61,7 +61,7 @@ def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp
             assert len(kept) <= len(announced) + 1, (
                 "kept, and not announced where the disk was full right behind it"
             )
-            assert "a daemon records here now" in told
+            assert "a daemon is recording here" in told
             assert "only 0.0 GB are left on the disk" in told
             assert f"drive again from stop {kept[-1].stop + 1} on" in told
             assert (

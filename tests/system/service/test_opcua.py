@@ -174,7 +174,7 @@ def test_the_day_of_leaving_a_tolerance_is_a_prognosis(tmp_path):
         by_other = by_node(serving)["prognoses"]
     assert kind.Identifier == 9, "MaintenancePrognosisType"
     assert abs(time - (FIRST + 5 * YEAR)) < timedelta(days=30)
-    assert activity.Text.startswith("C0Y leaves its tolerance of 10 µrad")
+    assert activity.Text.startswith("C0Y will leave its tolerance of 10 µrad")
     assert by_other == {
         "C0Y": time.strftime("%Y-%m-%dT%H:%M:%S.") + f"{time.microsecond // 1000:03d}Z"
     }

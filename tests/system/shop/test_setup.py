@@ -149,21 +149,21 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
         hall(tmp_path) as place,
         at_a_terminal("setup", file, "--port", modbus_port(place), "--seconds", 6) as person,
     ):
-        person.answers("The laser's port", laser_port(place))
+        person.answers("Port of the laser", laser_port(place))
         person.answers("Name or address of the control", "127.0.0.1")
         person.answers("Kind of control", "modbus")
-        person.answers("as it is to stand in the report", "virtual")
+        person.answers("Name of the machine in the report", "virtual")
         person.answers("Edges of the volume", "large")
         person.answers("expected three numbers", "300 200 100")
         person.answers("Class of the machine", "good")
         person.answers("Position feedback", "screw")
         person.answers("Pitch of the screws", "20")
-        person.answers("low corner", "")
+        person.answers("Low corner of the volume", "")
         person.answers("Increments per axis", "2")
-        person.answers("Chain from workpiece", "")
-        person.answers("compensation while measuring", "off")
+        person.answers("chain from workpiece", "")
+        person.answers("Compensation of the machine", "off")
         assert person.leaves() == 0, person.seen
-        assert "recognised: umd" in person.seen
+        assert "recognised instrument: umd" in person.seen
         assert "siemens-828d: S7" not in person.seen, "a port speaks one protocol"
         assert "stop_count" in person.seen
         survey = load_survey(file)
@@ -314,17 +314,17 @@ def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
 
 
 ANSWERS = {
-    "The laser's port": "/dev/no-such-port",
+    "Port of the laser": "/dev/no-such-port",
     "Format of the laser": "umd",
     "Name or address of the control": "none",
-    "as it is to stand in the report": "mill",
+    "Name of the machine in the report": "mill",
     "Edges of the volume": "300 200 100",
     "Class of the machine": "poor",
     "Position feedback": "scale",
-    "low corner": "0 0 0",
+    "Low corner of the volume": "0 0 0",
     "Increments per axis": "2",
-    "Chain from workpiece": "FXYZ",
-    "compensation while measuring": "off",
+    "chain from workpiece": "FXYZ",
+    "Compensation of the machine": "off",
 }
 
 
@@ -364,7 +364,7 @@ def test_who_leaves_at_a_question_leaves_nothing_half_written(tmp_path, asked, p
     assert [*tmp_path.iterdir()] == []
 
 
-@pytest.mark.parametrize("while_it", ["listening on", "The laser's port"])
+@pytest.mark.parametrize("while_it", ["listening on", "Port of the laser"])
 def test_ctrl_c_ends_it_without_a_traceback_and_without_a_file(tmp_path, while_it):
     """While it listens to a line that says nothing, and at a question."""
     near, far = pty.openpty()

@@ -122,15 +122,15 @@ def test_what_has_no_place_is_refused():
     file = parse_rtl(FILE, "x.rtl")
     with pytest.raises(UsageError, match="axis 'X'"):
         rtl_readings(file, "linear-y", (0, 0, 0), "x.rtl")
-    with pytest.raises(UsageError, match="name it: linear-x"):
+    with pytest.raises(UsageError, match="add the axis: linear-x"):
         rtl_readings(
             parse_rtl(FILE.replace("Axis : X", "Axis : C"), "x.rtl"), "", (0, 0, 0), "x.rtl"
         )
     rows, setup = rtl_readings(file, "", (0.0, 500.0, 0.0), "x.rtl")
-    with pytest.raises(UsageError, match="state the place of the line"):
+    with pytest.raises(UsageError, match="give a point of the measured line"):
         with_runs(diagonals(), [(setup, rows)], "readings.csv")
     inside, _ = rtl_readings(file, "", (0.0, 50.0, 0.0), "x.rtl")
-    with pytest.raises(UsageError, match="linear-x once"):
+    with pytest.raises(UsageError, match="the setup linear-x once"):
         with_runs(diagonals(), [(setup, inside), (setup, inside)], "readings.csv")
 
 
