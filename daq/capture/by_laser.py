@@ -1,16 +1,15 @@
 """A machine without signals: the laser's plateaus are the standstills, and the chain of `naming`
 assigns them to stops.
 
-The machine sends no stop number. So only the steps between the first stops of a pass make these
-stops sure, and a lost count ends the pass, because the machine's place is then unknown. Every named
-stop is passed on as a dwell at its planned position, and judged like a dwell of a machine with
-signals. A pass that seems to begin after its first stop may have another order of the axes: its
-last stop is passed on at the next standstill, or at the end of the count. An instrument whose
-marker input receives the machine's stop relay (quDIS) reports and counts the standstills itself.
+The machine sends no stop number. So the first stops of a pass are sure by the steps between them,
+and a lost count ends the pass: the machine's place is then unknown. Every named stop is handed on
+as a dwell at its planned position, and judged like any other. A pass that seems to begin after its
+first stop may be another order of the axes: the last stop of such a pass is handed on with the next
+standstill, or with the end of the count. An instrument whose marker input receives the machine's
+stop relay (quDIS) reports and counts the standstills itself.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
 
 import numpy as np
 
@@ -18,10 +17,20 @@ from stepdiag.base.findings import Severity, finding
 from stepdiag.base.messages import Message, Place, message
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.naming.route import agrees, route_of
-from stepdiag.daq.capture.naming.walk import FAULT, SURE, Chain, Look, Path
+from stepdiag.daq.capture.naming.walk import (
+    BACK,
+    OUT,
+    SURE,
+    Chain,
+    Known,
+    Look,
+    Path,
+    beginnings,
+)
+from stepdiag.daq.capture.noise import FAULT, LAG_NS, MAJORITY, MOMENT_NS, STILL_MM
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
-from stepdiag.daq.capture.standing.window import EDGE_NS, MAJORITY, find_plateaus
+from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.capture.standing.window import EDGE_NS, Plateau, find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Span, StreamBuffer
@@ -29,28 +38,10 @@ from stepdiag.daq.timing.stream import Span, StreamBuffer
 LOOK_NS = 200_000_000
 REACH_NS = 60_000_000_000
 """The span of time before now, in ns, in which a standstill is searched."""
-PAUSE_NS = 500_000_000
-"""Shortest time in ns between two standstills at the same reading; plateaus closer in time are one
-shaken standstill.
-"""
-ENDING_NS = 1_000_000_000
-"""Time in ns after a lost count in which the stops before the loss are still captured."""
 LONG = 2.5
 """Duration in dwells after which a standstill is captured before its end, because the machine may
 stay at the last stop without limit.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class _Stand:
-    """A standstill: its bounds in time, its reading, and its number if a marker input counts
-    standstills.
-    """
-
-    from_ns: float
-    to_ns: float
-    level_mm: float
-    count: int | None = None
 
 
 class ByLaser:
@@ -76,12 +67,11 @@ class ByLaser:
         self._began_ns = np.inf
         self._marked = survey.laser.format == "qudis" and survey.laser.qudis.marker
         self._left_ns: int | None = None
-        self._stands: list[_Stand] = []
+        self._stands: list[Plateau] = []
         self._taken = 0
         self._reported: set[str] = set()
-        self._lost_ns: int | None = None
-        self._over_with = False
-        self._held: list[tuple[int, _Stand]] = []
+        self._lost_ns: float | None = None
+        self._held: list[tuple[int, Plateau]] = []
         """The last stop of a pass that seems to begin after its first stop."""
         self._other_order = False
         self.seen: list[tuple[float, float]] = []
@@ -89,22 +79,17 @@ class ByLaser:
         reading in mm.
         """
         hint = start.hints[self.setup]
-        self._way, self._fresh = int(not hint.outward), not hint.known
+        self._way, self._fresh = OUT if hint.outward else BACK, not hint.known
         first = 0 if hint.outward else len(self._routes[0]) - 1
         reaches_back = not any(each.watched for each in start.breaks)
         self._turns = reaches_back and hint.next_stop == 0 and first in hint.known
         self._chain = self._begun(hint.known if self._turns else {})
 
-    def _begun(self, known: Mapping[int, float]) -> Chain:
-        """Return the chain (`naming`) of a pass that begins in the expected or in the opposite
+    def _begun(self, known: Known) -> Chain:
+        """Return the chain of a pass that begins in the expected direction, or in the opposite
         direction; ``known`` are the readings of the present count, by stop of the outward route.
         """
-        last = len(self._routes[0]) - 1
-        levels = (known, {last - stop: level for stop, level in known.items()})
-        begins = (
-            Path(score=-cost, way=way, known=levels[way])
-            for way, cost in ((self._way, 0.0), (1 - self._way, FAULT))
-        )
+        begins = beginnings(Path(way=self._way), known, len(self._routes[OUT]), FAULT)
         return Chain(self._routes, *begins, signalled=False)
 
     def look(self, now_ns: int) -> tuple[list[Dwell], list[Outcome]]:
@@ -115,11 +100,10 @@ class ByLaser:
             return dwells, outcomes
         self._looked_ns = now_ns
         if self._lost_ns is not None:
-            if now_ns - self._lost_ns > ENDING_NS and not self._over_with:
-                self._over_with = True
-                outcomes.append(
-                    Ended("aborted", message("count-lost-unplaced", setup=self.setup))
-                )
+            if now_ns - self._lost_ns > 2 * LAG_NS:
+                self._lost_ns = math.inf
+                lost_words = message("count-lost-unplaced", setup=self.setup)
+                outcomes.append(Ended("aborted", lost_words))
             return dwells, outcomes
         lost = self._lost()
         for over in self._over(lost=lost):
@@ -150,7 +134,7 @@ class ByLaser:
         seen, self._breaks = self._breaks, len(self._laser.breaks)
         return any(each.watched for each in self._laser.breaks[seen:])
 
-    def _over(self, *, lost: bool) -> list[_Stand]:
+    def _over(self, *, lost: bool) -> list[Plateau]:
         """Return the standstills that ended since the last call, also a standstill that lasts long
         (`LONG`), and one during which the beam was lost.
         """
@@ -161,11 +145,7 @@ class ByLaser:
         if not len(span.time_ns):
             return []
         self._began_ns = min(self._began_ns, float(span.time_ns[0]))
-        found = (
-            _marked(span)
-            if self._marked
-            else _without_shakes(_plateaus(span, self._least_s), span)
-        )
+        found = _marked(span) if self._marked else _without_shakes(span)
         over = []
         for stand, following in zip(found, [*found, None][1:], strict=True):
             left = lost or following is not None or self._has_left(span, stand)
@@ -174,13 +154,13 @@ class ByLaser:
                 self._done_ns = stand.to_ns
         return [each for each in over if each.to_ns - each.from_ns >= self._least_s * 1e9]
 
-    def _has_left(self, span: Span, stand: _Stand) -> bool:
+    def _has_left(self, span: Span, stand: Plateau) -> bool:
         """Return whether the machine has left the newest standstill."""
         if stand.count is not None:
             return float(span.time_ns[-1]) > stand.to_ns
         return abs(float(span.position_mm[-1]) - stand.level_mm) > STILL_MM
 
-    def _name(self, stand: _Stand, outcomes: list[Outcome]) -> list[tuple[int, _Stand]]:
+    def _name(self, stand: Plateau, outcomes: list[Outcome]) -> list[tuple[int, Plateau]]:
         """Return the stops that are sure after a further standstill, each with its own
         standstill.
         """
@@ -211,7 +191,7 @@ class ByLaser:
             self._held = [sure.pop()]
         return sure
 
-    def _after_last(self, stand: _Stand) -> list[tuple[int, _Stand]]:
+    def _after_last(self, stand: Plateau) -> list[tuple[int, Plateau]]:
         """Return the last stop of a pass that began after its first stop; empty if the machine
         continues by a step of the plan, because the order of the axes is then another.
         """
@@ -224,7 +204,7 @@ class ByLaser:
         )
         return [] if self._other_order else held
 
-    def _is_of_pass_before(self, stop: int, stand: _Stand) -> bool:
+    def _is_of_pass_before(self, stop: int, stand: Plateau) -> bool:
         """Return whether a standstill is still the last stop of the previous pass: the machine has
         not moved since.
         """
@@ -239,7 +219,7 @@ class ByLaser:
         )
         self._say("error", words, outcomes)
 
-    def _report_nowhere(self, path: Path, stand: _Stand, outcomes: list[Outcome]) -> None:
+    def _report_nowhere(self, path: Path, stand: Plateau, outcomes: list[Outcome]) -> None:
         """Report a standstill that is at no stop of a pass. Before a pass, only a step beyond the
         last stop of the previous pass is reported: that pass may be shifted by a stop.
         """
@@ -262,7 +242,7 @@ class ByLaser:
             self._reported.add(words.code)
             outcomes.append(finding(severity, words, Place(setup=self.setup)))
 
-    def _dwell(self, stop: int, stand: _Stand) -> Dwell:
+    def _dwell(self, stop: int, stand: Plateau) -> Dwell:
         """Return the dwell at the planned position that a machine with signals would show for a
         standstill.
         """
@@ -280,15 +260,7 @@ class ByLaser:
         )
 
 
-def _plateaus(span: Span, least_s: float) -> list[_Stand]:
-    """Return the plateaus in a span of samples; a shaken standstill appears as several plateaus."""
-    return [
-        _Stand(each.from_ns, each.to_ns, each.level_mm)
-        for each in find_plateaus(span.time_ns, span.position_mm, min(least_s, 0.2))
-    ]
-
-
-def _marked(span: Span) -> list[_Stand]:
+def _marked(span: Span) -> list[Plateau]:
     """Return the standstills of the marker input: while its count of edges is odd, the relay is
     closed.
     """
@@ -300,7 +272,7 @@ def _marked(span: Span) -> list[_Stand]:
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         level_mm = float(np.median(span.position_mm[begin:end]))
         found.append(
-            _Stand(
+            Plateau(
                 float(span.time_ns[begin]),
                 float(span.time_ns[end - 1]),
                 level_mm,
@@ -310,25 +282,21 @@ def _marked(span: Span) -> list[_Stand]:
     return found
 
 
-def _without_shakes(parts: list[_Stand], span: Span) -> list[_Stand]:
-    """Return the standstills: plateaus between which the machine was shaken but did not move are
-    joined.
+def _without_shakes(span: Span) -> list[Plateau]:
+    """Return the plateaus of a span; plateaus of one standstill, between which the machine was
+    shaken but did not move, are joined.
     """
-    found: list[_Stand] = []
-    for part in parts:
+    found: list[Plateau] = []
+    for part in find_plateaus(span.time_ns, span.position_mm, MOMENT_NS * 1e-9):
         last = found[-1] if found else None
-        if (
-            last is not None
-            and part.from_ns - last.to_ns < PAUSE_NS
-            and _still_between(last, part, span)
-        ):
-            found[-1] = _Stand(last.from_ns, part.to_ns, last.level_mm)
+        if last is not None and _still_between(last, part, span):
+            found[-1] = Plateau(last.from_ns, part.to_ns, last.level_mm)
         else:
             found.append(part)
     return found
 
 
-def _still_between(last: _Stand, part: _Stand, span: Span) -> bool:
+def _still_between(last: Plateau, part: Plateau, span: Span) -> bool:
     first, end = np.searchsorted(span.time_ns, (last.to_ns - EDGE_NS, part.from_ns + EDGE_NS))
     between = np.append(span.position_mm[first:end], part.level_mm)
     return bool(np.abs(between - last.level_mm).max() < STILL_MM)

@@ -3,7 +3,6 @@ reaches back to the previous stop.
 """
 
 import math
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,8 +14,9 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked, remarks_of
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
-from stepdiag.daq.capture.naming.route import PLACED_MM, Route, agrees
+from stepdiag.daq.capture.naming.route import Route, agrees
 from stepdiag.daq.capture.naming.walk import BEGUN_ANEW, BREAKS_COUNT, Walk
+from stepdiag.daq.capture.noise import LEAST_SAMPLES, PLACED_MM
 from stepdiag.daq.capture.outages import LINK_DOWN, Outages
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.certain_window import (
@@ -30,7 +30,6 @@ from stepdiag.daq.capture.standing.certain_window import (
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.standing.window import (
     EDGE_NS,
-    LEAST_SAMPLES,
     Placing,
     find_plateaus,
     summarise,
@@ -40,17 +39,15 @@ from stepdiag.daq.records.events import Link
 from stepdiag.daq.survey.models import StopRules, Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
 
-AGAIN = 1.5
-"""Factor by which a difference must exceed the difference reported of the pass before to be
-reported again.
-"""
-
 FROM_BEYOND, FROM_WHERE, NOT_ALL_MOVED = (
     message("other-side"),
     message("other-side.from-where"),
     message("other-side.not-all-moved"),
 )
 """Reasons why a stop may have been approached from the other side."""
+
+Named = tuple[Dwell, list[Taken], int | None]
+"""A standstill: its dwell, its windows, and the name of its stop."""
 
 
 class StopTaker:
@@ -79,7 +76,7 @@ class StopTaker:
         self._breaks_seen = 0
         self._looked_until_ns = 0.0
         self._noise = PassNoise()
-        self._named: list[tuple[Dwell, list[Taken], int | None]] = []
+        self._named: list[Named] = []
         """The standstills since the last loss of count, with the names of their stops."""
 
     def take(
@@ -180,27 +177,30 @@ class StopTaker:
         self._named = [
             (*stand[:2], name) for stand, name in zip(self._named, names, strict=True)
         ]
-        stops = [
-            (dwell, taken, name)
-            for dwell, taken, name in self._named[first:-1]
-            if name is not None
-        ]
-        if not stops:
+        stands = self._named[first:-1]
+        again = next((name for *_, name in stands if name is not None), None)
+        if again is None:
             return []
-        outcomes: list[Outcome] = [walk.begin_anew(stops[0][2])]
-        self._before = (Break(stops[0][0].from_ns, BEGUN_ANEW),)
-        for dwell, taken, name in stops:
-            self._place(walk, name, dwell, taken, outcomes)
-        return outcomes
+        return self._place_again(walk, stands, walk.begin_anew(again))
 
     def name_from_second(self, walk: Walk) -> list[Outcome]:
         """Assign the standstills of a pass again, from its second stop on: the first is missing."""
         self._named = [(*stand[:2], at) for at, stand in enumerate(self._named, 1)]
         walk.begin_anew(1)
-        outcomes: list[Outcome] = [walk.finding("error", 0, message("stop-lost.first"))]
-        self._before = (Break(self._named[0][0].from_ns, BEGUN_ANEW),)
-        for at, (dwell, taken, _) in enumerate(self._named, 1):
-            self._place(walk, at, dwell, taken, outcomes)
+        why = walk.finding("error", 0, message("stop-lost.first"))
+        return self._place_again(walk, self._named, why)
+
+    def _place_again(
+        self, walk: Walk, stands: Sequence[Named], why: Finding
+    ) -> list[Outcome]:
+        """Place the named ones of standstills again; return the finding that states the reason, and
+        the outcomes.
+        """
+        outcomes: list[Outcome] = [why]
+        stops = [(dwell, taken, name) for dwell, taken, name in stands if name is not None]
+        self._before = (Break(stops[0][0].from_ns, BEGUN_ANEW),)
+        for dwell, taken, name in stops:
+            self._place(walk, name, dwell, taken, outcomes)
         return outcomes
 
     def _place(
@@ -459,13 +459,13 @@ def _share_turn(
 
 
 class PositionCheck:
-    """Compares stop by stop and reports new differences once a pass. The machine's statement
-    decides; the readings support it.
+    """Compares positions stop by stop, and reports differences once a pass: the first, and the
+    first beyond `PLACED_MM`. The machine's statement decides; the readings support it.
     """
 
     def __init__(self, signals: SignalMap) -> None:
         self._signals = signals
-        self._reported_mm: defaultdict[str, float] = defaultdict(float)
+        self._reported: dict[str, Severity] = {}
 
     def judge(self, walk: Walk, stop: int, signals: Signals) -> list[Finding]:
         """Return the finding of the commanded position at a stop; none where the register cannot
@@ -480,15 +480,17 @@ class PositionCheck:
             if abs(here - plan) > self._resolution_mm(axis, plan)
         ]
         worst = max(beyond, default=None)
-        if worst is None or worst[0] <= AGAIN * self._reported_mm[walk.name]:
+        if worst is None:
             return []
         off_mm, axis, here, plan = worst
-        self._reported_mm[walk.name] = off_mm
+        severity: Severity = "info" if off_mm <= PLACED_MM else "warning"
+        if self._reported.get(walk.name) in (severity, "warning"):
+            return []
+        self._reported[walk.name] = severity
         off_um = (here - plan) * 1e3
         words = message(
             "position-differs", axis=axis.upper(), at_mm=here, planned_mm=plan, off_um=off_um
         )
-        severity: Severity = "info" if off_mm <= PLACED_MM else "warning"
         return [walk.finding(severity, stop, words)]
 
     def _resolution_mm(self, axis: str, value_mm: float) -> float:

@@ -11,7 +11,6 @@ from stepdiag.base.names import AXES, SETUP_NUMBERS
 from stepdiag.base.readings.runs import Plan, order_of
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.cause.likelihood import (
-    ALIKE_SIGMAS,
     CONFIRMED,
     EDGE_S,
     LEAST_LATE_S,
@@ -22,7 +21,8 @@ from stepdiag.daq.capture.cause.likelihood import (
     Move,
 )
 from stepdiag.daq.capture.log_start import PassHint
-from stepdiag.daq.capture.naming.route import PLACED_MM, Route, route_of
+from stepdiag.daq.capture.naming.route import Route, route_of
+from stepdiag.daq.capture.noise import PLACED_MM, SIGMAS
 from stepdiag.daq.survey.models import Survey
 
 FACTORS = (25.4, 1 / 25.4, 10.0, 0.1, 2.0, 0.5)
@@ -135,7 +135,7 @@ class Library:
             late_s(move)
             for each in self.evidence.stands
             for move in each.moves
-            if abs(off_s(move)) < ALIKE_SIGMAS * move.u_s and abs(late_s(move)) > LEAST_LATE_S
+            if abs(off_s(move)) < SIGMAS * move.u_s and abs(late_s(move)) > LEAST_LATE_S
         )
         groups: list[list[float]] = []
         for value in seen:

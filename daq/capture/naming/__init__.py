@@ -13,7 +13,8 @@ with another end; a small margin is a doubt.
 Moves. The step to the next stop has no cost. Every other move is a fault with a rate: a stop that
 is not seen, the same stop again, the first stop again, the last stop, where the program of the
 other direction begins, any other stop, a hold where no stop is, a step of another axis or the other
-way.
+way. Stops that are missed one after another are a single fault, whose length is any unless the
+counter shows it. The rates stand in `noise`.
 
 Observations. Each observation has a noise and a rate of failure, and is omitted where the machine
 does not show it. So one chain serves machines with all registers, with the stop bit alone, and
@@ -31,9 +32,9 @@ without signals.
 
 A later standstill may change the names of earlier ones. These are placed again by their new names.
 
-`finder` chooses the setup by the signals, and the direction by the first standstill: of the two
-beginnings, the pass that goes on and the pass in the other direction, it takes the more probable
-one, by the chain's rates of a stop that is not seen and of a program begun anew. `walk.Walk`
+`finder` chooses the setup by the signals. The direction follows from the chain: the first
+standstill of a log extends the path of the pass that goes on, the path of a pass that begins in the
+other direction, and the paths over a turn that no standstill has shown. `walk.Walk`
 compares the names with counter and laser, and states what disagrees. `route` holds the stops of a
 pass, and judges a step.
 """

@@ -5,8 +5,10 @@ While the count is unbroken, every stop has its own reading. The readings separa
 from a continued pass, a missed stop from a stop counted twice, and a feed hold from a stop.
 """
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +17,15 @@ from stepdiag.base.messages import Message, message
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.runs import Plan, run_stops_mm
 from stepdiag.base.setups import Setup, setup_of
-from stepdiag.daq.capture.standing.dwell import STILL_MM
-
-STEP_TOLERANCE = 0.02
-"""A step agrees with the geometry within two per cent and `STILL_MM`: twenty times a badly aligned
-mirror, a tenth of a wrong step."""
-PLACED_MM, MOST_BESIDE_MM = 0.1, 0.25
-"""Encoder positions scatter by 0.1 to 3 um, programs of two decimals are off by 5 um; with G91 that
-adds up to 0.1 mm over twenty increments, 0.2 mm over forty."""
+from stepdiag.daq.capture.noise import (
+    BESIDE_MM,
+    FAILURE,
+    PLACED_MM,
+    RANGE_MM,
+    SIGMAS,
+    STEP_TOLERANCE,
+    STILL_MM,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +34,7 @@ class Route:
     each, relative to the first, shape (k,).
 
     ``along`` is the direction in which the reading increases, a unit vector. A position within
-    ``beside_mm`` of a stop is at the stop: `MOST_BESIDE_MM`, less where steps are short.
+    ``beside_mm`` of a stop is at the stop: `BESIDE_MM`, less where steps are short.
     """
 
     setup: str
@@ -108,14 +111,40 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
         stops_mm=stops,
         nominal_mm=nominal,
         along=along,
-        beside_mm=float(np.clip(0.1 * least_mm, PLACED_MM, MOST_BESIDE_MM)),
+        beside_mm=float(np.clip(0.1 * least_mm, PLACED_MM, BESIDE_MM)),
     )
 
 
+def step_noise_mm(way_mm: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the standard deviation of the laser's steps over ways in mm."""
+    noise: NDArray[np.float64] = (STILL_MM + STEP_TOLERANCE * np.abs(way_mm)) / SIGMAS
+    return noise
+
+
 def agrees(measured_mm: float, nominal_mm: float) -> bool:
-    """Return whether a measured step is the nominal one, mirror tilt and machine errors allowed
-    for."""
+    """Return whether a measured step is the nominal step: their difference is noise."""
     return abs(measured_mm - nominal_mm) <= STILL_MM + STEP_TOLERANCE * abs(nominal_mm)
+
+
+def log_normal(
+    off: NDArray[np.float64], scale: float | NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the logarithm of a normal density."""
+    density: NDArray[np.float64] = -0.5 * (off / scale) ** 2 - np.log(
+        scale * math.sqrt(2 * math.pi)
+    )
+    return density
+
+
+def log_likelihood(
+    off: NDArray[np.float64], scale: float | NDArray[np.float64], within: float = RANGE_MM
+) -> NDArray[np.float64]:
+    """Return the logarithm of the likelihood of residuals: normal, or at the rate `FAILURE`
+    anywhere ``within`` a range. NaN where a residual is unknown.
+    """
+    failed = math.exp(-FAILURE) / within
+    density: NDArray[np.float64] = np.log(np.exp(log_normal(off, scale)) + failed)
+    return density
 
 
 def judge_step(
@@ -128,55 +157,34 @@ def judge_step(
     nominal = route.step_mm(from_stop, to_stop)
     if agrees(measured_mm, nominal):
         return None
-    if backwards := _backwards(route, from_stop, to_stop, measured_mm):
-        return backwards
+    sizes = {"moved_mm": measured_mm, "wanted_mm": nominal}
+    if key := _backwards(route, from_stop, to_stop, measured_mm):
+        start = {} if key == "wrong-laser-sign" else {"start": _start_words(route)}
+        return message(key, **sizes, **start)
     if agrees(measured_mm, 0.0):
-        return message("no-move", moved_mm=measured_mm, wanted_mm=nominal)
-    if to_stop + 1 < len(route) and agrees(
-        measured_mm, route.step_mm(from_stop, to_stop + 1)
-    ):
-        return message(
-            "stop-missing.sequence",
-            moved_mm=measured_mm,
-            wanted_mm=nominal,
-            after_mm=route.step_mm(from_stop, to_stop + 1),
-        )
+        return message("no-move", **sizes)
+    if to_stop + 1 < len(route):
+        after_mm = route.step_mm(from_stop, to_stop + 1)
+        if agrees(measured_mm, after_mm):
+            return message("stop-missing.sequence", after_mm=after_mm, **sizes)
     if other := _other_axis(route, to_stop, measured_mm):
         axes = {"other": other.upper(), "axis": route.axis_to(to_stop).upper()}
-        return message("wrong-axis-order", moved_mm=measured_mm, wanted_mm=nominal, **axes)
+        return message("wrong-axis-order", **sizes, **axes)
     if abs(absolute_mm) <= STILL_MM:
-        return message("laser-reset", moved_mm=measured_mm, wanted_mm=nominal)
-    return message("step-mismatch", moved_mm=measured_mm, wanted_mm=nominal)
+        return message("laser-reset", **sizes)
+    return message("step-mismatch", **sizes)
 
 
 def _backwards(
     route: Route, from_stop: int, to_stop: int, measured_mm: float
-) -> Message | None:
-    """Return the fault of a step with the right size in the wrong direction; None without such a
+) -> Literal["wrong-laser-sign", "wrong-laser-sign.or-end", "wrong-direction", ""]:
+    """Return the fault of a step with the right size in the wrong direction; empty without such a
     fault.
     """
-    nominal = route.step_mm(from_stop, to_stop)
-    turned, from_the_end = (
-        agrees(measured_mm, -route.step_mm(from_stop, to_stop)),
-        agrees(measured_mm, route.backward_mm(from_stop, to_stop)),
-    )
-    if turned:
-        if from_the_end:
-            return message(
-                "wrong-laser-sign.or-end",
-                moved_mm=measured_mm,
-                wanted_mm=nominal,
-                start=_start_words(route),
-            )
-        return message("wrong-laser-sign", moved_mm=measured_mm, wanted_mm=nominal)
-    if from_the_end:
-        return message(
-            "wrong-direction",
-            moved_mm=measured_mm,
-            wanted_mm=nominal,
-            start=_start_words(route),
-        )
-    return None
+    from_the_end = agrees(measured_mm, route.backward_mm(from_stop, to_stop))
+    if agrees(measured_mm, -route.step_mm(from_stop, to_stop)):
+        return "wrong-laser-sign.or-end" if from_the_end else "wrong-laser-sign"
+    return "wrong-direction" if from_the_end else ""
 
 
 def _start_words(route: Route) -> str:

@@ -10,39 +10,37 @@ from numpy.typing import NDArray
 from stepdiag.base.findings import Finding, Severity, finding
 from stepdiag.base.messages import Message, Place, Way, message, run
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.naming.route import PLACED_MM, Route, judge_step
-from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, STILL_MM, count_steps
-from stepdiag.daq.capture.standing.window import SIGMAS
+from stepdiag.daq.capture.naming.route import (
+    Route,
+    judge_step,
+    log_likelihood,
+    log_normal,
+    step_noise_mm,
+)
+from stepdiag.daq.capture.noise import (
+    BESIDE_MM,
+    FAILURE,
+    FAULT,
+    ORDINARY,
+    PLACED_MM,
+    RANGE_MM,
+    SIGMAS,
+)
+from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, count_steps
 from stepdiag.daq.formats.signals import Signals
 
-FAULT, HOLD, FAILURE, RARE = 5.0, 6.0, 8.0, 10.0
-"""Costs as logarithms of odds: one standstill in 150 is a missed stop or a restarted program, one
-in 400 a hold, one in 3,000 a failed observation, one in 20,000 a step that the program does not
-plan.
-"""
-BEGIN = 14.0
-"""The cost of a log that does not begin with the first stop of a pass; three stops that agree
-outweigh it.
-"""
-AGAIN, ORDINARY, COUNTED_NOWHERE = 0.3, 1.0, 2.0
-"""Small costs, for: a failure that repeats; a program restarted after the beam was cut; a
-standstill before the first stop of a machine without signals; a counted stop that is no stop of the
-pass.
+BEGIN, RARE = 2 * math.log(RANGE_MM), 2 * FAULT
+"""The costs of a log that does not begin with the first stop of a pass (the two steps of three
+stops that agree outweigh the cost), and of a step that the program does not plan.
 """
 SURE = 2.0
 """Difference of log-likelihood by which the path of a name has to exceed those of all other names
 to make it sure.
 """
-SLIP_MM, RANGE_MM, STEP_SHARE = 0.25, 1000.0, 0.005
-"""Noise of a count that slipped, of a reading without an earlier one to compare, and of a step (as
-a share of its length).
-"""
 KEPT, WITHIN = 12, 25.0
 """Largest number of paths that are followed, and the log-likelihood by which a followed path may
-lie below the best one.
+lie below the best path: the machine waits meanwhile.
 """
-COUNTER_TRUSTED = 1000
-"""A stop counter that increased by more than this was reset: the PLC has restarted."""
 BREAKS_COUNT = {"laser-reset", "step-mismatch"}
 """A step of the wrong size without an explanation is a lost count: the readings after it are right
 again, relative to each other.
@@ -77,8 +75,9 @@ class Look:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Path:
-    """A path up to a standstill: its logarithm of probability, its pass as a place in the chain's
-    routes, and its last stop, -1 before the first.
+    """A path up to a standstill: the logarithm of its probability (``score``), the index of its
+    pass in the chain's list of routes (``way``), and the index of its last stop (-1 before the
+    first).
 
     ``nowhere``: the machine stands at no stop; ``astray``: the step to the stop is not a step of
     the plan. ``known`` are the readings of stops in the laser's present count, ``left_mm`` is the
@@ -100,6 +99,33 @@ class Path:
     def name(self) -> int | None:
         """Return the stop at which the machine stands; None where it stands at no stop."""
         return None if self.nowhere else self.stop
+
+
+OUT, BACK = range(2)
+"""The ways of a setup in the chain's routes."""
+
+
+def beginnings(on: Path, known: Known, stops: int, cost: float) -> tuple[Path, ...]:
+    """Return the path of a pass that goes on; the path of a pass that begins in the other
+    direction at a ``cost``, and whose counter fits by chance; and the paths over the end of the
+    pass, whose stops before the turn, once or twice counted, have negative numbers.
+
+    ``known`` are the readings of the present count, by stop of the outward route.
+    """
+    counts = on.stop >= 0 and on.count is not None
+    levels = known, {stops - 1 - stop: reading for stop, reading in known.items()}
+    other = Path(
+        score=-cost - FAILURE * counts,
+        way=1 - on.way,
+        known=levels[1 - on.way],
+        count=on.count,
+    )
+    over = (
+        replace(other, score=0.0, stop=stop)
+        for stop in (on.stop - stops, on.stop - stops + 1)
+        if counts and stop < -1
+    )
+    return replace(on, known=levels[on.way]), other, *over
 
 
 class Chain:
@@ -150,10 +176,10 @@ class Chain:
         route = self._routes[path.way]
         if look.lost:
             path = replace(path, known={}, left_mm=None, names=())
-        counted, counted_nowhere = _counted(path, look, len(route))
-        score = path.score - _moves(path, len(route), lost=look.lost) - counted
+        shown, counted, counted_nowhere = _counted(path, look, len(route))
+        score = path.score - _moves(path, shown, lost=look.lost) - counted
         idle = BEGIN if self._signalled else ORDINARY
-        nowhere = path.score - (HOLD if path.stop >= 0 else idle) - counted_nowhere
+        nowhere = path.score - (idle if path.stop == -1 else FAULT) - counted_nowhere
         fits = np.ones(len(route), dtype=bool)
         if look.position_mm is not None:
             score[~route.beside(look.position_mm)] = -math.inf
@@ -168,10 +194,7 @@ class Chain:
                 known = {stop: look.after_mm}
             elif look.reading_mm is not None:
                 known = {**known, stop: look.reading_mm}
-            yield replace(
-                _extended(path, look, stop, float(score[stop]), bool(counted[stop])),
-                known=known,
-            )
+            yield _extended(path, look, stop, float(score[stop]), bool(counted[stop]), known)
         yield replace(
             path, score=nowhere, nowhere=True, count=look.count, names=(*path.names, None)
         )
@@ -186,20 +209,30 @@ class Chain:
         if look.reading_mm is None or path.left_mm is None or not 0 < stop < len(counted):
             return
         off = np.abs(look.reading_mm - path.left_mm) - steps_mm
-        alike = float(np.logaddexp.reduce(log_normal(off, noise_mm(steps_mm))))
-        cost = AGAIN if path.astray else RARE + math.log(2 * len(off))
+        alike = float(np.logaddexp.reduce(log_normal(off, step_noise_mm(steps_mm))))
+        cost = 0.0 if path.astray else RARE + math.log(2 * len(off))
         score = path.score - cost - float(counted[stop]) + alike
-        yield replace(_extended(path, look, stop, score, bool(counted[stop])), astray=True)
+        miscounts = bool(counted[stop])
+        yield _extended(path, look, stop, score, miscounts, path.known, astray=True)
 
 
-def _extended(path: Path, look: Look, stop: int, score: float, miscounts: bool) -> Path:
+def _extended(
+    path: Path,
+    look: Look,
+    stop: int,
+    score: float,
+    miscounts: bool,
+    known: Known,
+    *,
+    astray: bool = False,
+) -> Path:
     """Return the extension of a path to a stop."""
-    return replace(
-        path,
+    return Path(
         score=score,
+        way=path.way,
         stop=stop,
-        nowhere=False,
-        astray=False,
+        astray=astray,
+        known=known,
         left_mm=look.left_mm,
         count=look.count,
         miscounts=miscounts,
@@ -207,10 +240,15 @@ def _extended(path: Path, look: Look, stop: int, score: float, miscounts: bool) 
     )
 
 
-def _moves(path: Path, stops: int, *, lost: bool) -> Costs:
-    """Return the cost of every move from the last stop of a path, shape (stops,)."""
-    to = np.arange(stops)
-    cost: Costs = np.where(to > path.stop, FAULT * (to - path.stop - 1.0), RARE)
+def _moves(path: Path, shown: NDArray[np.bool_], *, lost: bool) -> Costs:
+    """Return the cost of every move from the last stop of a path, shape (stops,). Missed stops
+    are a single fault; their number is any, unless the counter has ``shown`` it.
+    """
+    if path.stop < -1:  # the counter alone shows that the machine has turned unseen
+        return np.where(shown, FAULT + ORDINARY, math.inf)
+    unseen = np.arange(len(shown)) - path.stop - 1
+    missed = FAULT + np.where(shown, 0.0, np.log(np.maximum(unseen, 1)))
+    cost: Costs = np.where(unseen > 0, missed, np.where(unseen < 0, RARE, 0.0))
     if path.stop < 0:
         cost[1:] += BEGIN - FAULT
         cost[[stop for stop in path.known if stop > 0]] = RARE
@@ -222,27 +260,19 @@ def _moves(path: Path, stops: int, *, lost: bool) -> Costs:
     return cost
 
 
-def _counted(path: Path, look: Look, stops: int) -> tuple[Costs, float]:
-    """Return the cost of the counter at every stop, shape (stops,), and nowhere."""
-    if look.count is None or path.count is None or (path.stop < 0 and not path.nowhere):
-        return np.zeros(stops), 0.0  # between two logs the counter may increase by any number
+def _counted(path: Path, look: Look, stops: int) -> tuple[NDArray[np.bool_], Costs, float]:
+    """Return the stops that the counter shows and the cost of the counter at every stop, each of
+    shape (stops,), and the cost of the counter for a standstill at no stop.
+    """
+    if look.count is None or path.count is None or (path.stop == -1 and not path.nowhere):
+        # between two logs the counter may increase by any number
+        return np.zeros(stops, dtype=bool), np.zeros(stops), 0.0
     steps, to = count_steps(path.count, look.count), np.arange(stops)
     right = (steps == np.where(to > path.stop, to - path.stop, 1)) | (
         (to == path.stop) & (steps == 0)
     )
-    wrong = AGAIN if path.miscounts else FAILURE
-    return np.where(right, 0.0, wrong), 0.0 if steps == 0 else min(wrong, COUNTED_NOWHERE)
-
-
-def stop_reading(route: Route, known: Known, reading_mm: float | None) -> int | None:
-    """Return the stop with a given reading, by the known readings of stops; None if two stops have
-    equal readings.
-    """
-    if reading_mm is None or not known:
-        return None
-    read, fits = _reading_likelihood(known, -1, route, reading_mm)
-    second, best = np.argsort(read)[-2:].tolist()
-    return best if fits[best] and read[best] - read[second] >= ORDINARY else None
+    wrong = ORDINARY if path.miscounts else FAILURE
+    return right, np.where(right, 0.0, wrong), 0.0 if steps == 0 else wrong
 
 
 def _reading_likelihood(
@@ -257,21 +287,10 @@ def _reading_likelihood(
     anchor = np.where(np.isin(to, stops) | (last_stop not in known), nearest, last_stop)
     way_mm = route.nominal_mm - route.nominal_mm[anchor]
     off = reading_mm - np.array([known[int(stop)] for stop in anchor]) - way_mm
-    noise = noise_mm(way_mm)
-    slipped = np.logaddexp(log_normal(off, SLIP_MM), -math.log(RANGE_MM)) - FAILURE
-    return np.logaddexp(log_normal(off, noise), slipped), np.abs(off) < SIGMAS * noise
-
-
-def noise_mm(way_mm: NDArray[np.floating]) -> Costs:
-    """Return the noise of a step of the laser."""
-    noise: Costs = 0.5 * STILL_MM + STEP_SHARE * np.abs(way_mm)
-    return noise
-
-
-def log_normal(off: Costs, scale: float | Costs) -> Costs:
-    """Return the logarithm of a normal density."""
-    density: Costs = -0.5 * (off / scale) ** 2 - np.log(scale * math.sqrt(2 * math.pi))
-    return density
+    noise = step_noise_mm(way_mm)
+    slipped = log_normal(off, BESIDE_MM) - FAILURE
+    read = np.logaddexp(log_likelihood(off, noise), slipped)
+    return read, np.abs(off) < SIGMAS * noise
 
 
 class Walk:
@@ -310,7 +329,7 @@ class Walk:
 
     @property
     def name(self) -> str:
-        """Return the pass in words."""
+        """Return the name of the pass: its setup and its direction."""
         return f"{self.route.setup} {'out' if self.route.outward else 'back'}"
 
     @property
@@ -498,14 +517,12 @@ class Walk:
         )
 
     def _by_count(self, count: int | None) -> tuple[int, list[Finding]]:
-        if count is None or self._last_count is None or self.expected == 0:
+        steps = self._steps(count)
+        if count is None or self._last_count is None or steps in (None, 1):
             return self.expected, []
-        steps = count_steps(self._last_count, count)
-        if steps == 1:
-            return self.expected, []
-        if steps == 0:
+        if not steps:
             return self.expected, self._stuck(count)
-        if 1 < steps <= COUNTER_TRUSTED:
+        if 1 < steps <= len(self.route):  # a counter that increased by more was reset
             index = self.expected + steps - 1
             missed = message(
                 "stop-missed", before=self._last_count, now=count, missed=steps - 1
