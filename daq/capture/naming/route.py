@@ -1,14 +1,8 @@
-"""The stops of a pass, the laser's readings between them, and the machine's place by the laser's
-unbroken count.
-
-While the count is unbroken, every stop has its own reading. The readings separate a repeated pass
-from a continued pass, a missed stop from a stop counted twice, and a feed hold from a stop.
-"""
+"""The stops of a pass, and the laser's readings between them."""
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +43,6 @@ class Route:
 
     @property
     def travel(self) -> Setup:
-        """Return the setup as a value."""
         return setup_of(self.setup)
 
     def axis_to(self, stop: int) -> str:
@@ -150,54 +143,42 @@ def log_likelihood(
 def judge_step(
     route: Route, from_stop: int, to_stop: int, measured_mm: float, absolute_mm: float
 ) -> Message | None:
-    """Return the fault of a measured step; None where it agrees.
+    """Return the fault of a measured step: the first other step with which it agrees; None where it
+    agrees with the step of the plan.
 
     ``absolute_mm`` is the reading itself: after zeroing, a laser reads nearly zero.
     """
-    nominal = route.step_mm(from_stop, to_stop)
+    nominal, axis = route.step_mm(from_stop, to_stop), route.axis_to(to_stop)
     if agrees(measured_mm, nominal):
         return None
     sizes = {"moved_mm": measured_mm, "wanted_mm": nominal}
-    if key := _backwards(route, from_stop, to_stop, measured_mm):
-        start = {} if key == "wrong-laser-sign" else {"start": _start_words(route)}
-        return message(key, **sizes, **start)
-    if agrees(measured_mm, 0.0):
-        return message("no-move", **sizes)
+    start = ", ".join(f"{value:g}" for value in route.stops_mm[0])
+    from_the_end = route.backward_mm(from_stop, to_stop)
+    wrong_sign = (
+        message("wrong-laser-sign.or-end", **sizes, start=start)
+        if agrees(measured_mm, from_the_end)
+        else message("wrong-laser-sign", **sizes)
+    )
+    faults = [
+        (-nominal, wrong_sign),
+        (from_the_end, message("wrong-direction", **sizes, start=start)),
+        (0.0, message("no-move", **sizes)),
+    ]
     if to_stop + 1 < len(route):
         after_mm = route.step_mm(from_stop, to_stop + 1)
-        if agrees(measured_mm, after_mm):
-            return message("stop-missing.sequence", after_mm=after_mm, **sizes)
-    if other := _other_axis(route, to_stop, measured_mm):
-        axes = {"other": other.upper(), "axis": route.axis_to(to_stop).upper()}
-        return message("wrong-axis-order", **sizes, **axes)
-    if abs(absolute_mm) <= STILL_MM:
-        return message("laser-reset", **sizes)
-    return message("step-mismatch", **sizes)
-
-
-def _backwards(
-    route: Route, from_stop: int, to_stop: int, measured_mm: float
-) -> Literal["wrong-laser-sign", "wrong-laser-sign.or-end", "wrong-direction", ""]:
-    """Return the fault of a step with the right size in the wrong direction; empty without such a
-    fault.
-    """
-    from_the_end = agrees(measured_mm, route.backward_mm(from_stop, to_stop))
-    if agrees(measured_mm, -route.step_mm(from_stop, to_stop)):
-        return "wrong-laser-sign.or-end" if from_the_end else "wrong-laser-sign"
-    return "wrong-direction" if from_the_end else ""
-
-
-def _start_words(route: Route) -> str:
-    return ", ".join(f"{value:g}" for value in route.stops_mm[0])
-
-
-def _other_axis(route: Route, to_stop: int, measured_mm: float) -> str:
-    """Return the axis of a neighbouring step that agrees with the measured step; empty without such
-    an axis.
-    """
-    own = route.axis_to(to_stop)
+        missing = message("stop-missing.sequence", after_mm=after_mm, **sizes)
+        faults.append((after_mm, missing))
     for stop in range(max(1, to_stop - 2), min(len(route), to_stop + 3)):
-        axis = route.axis_to(stop)
-        if axis != own and agrees(measured_mm, route.step_mm(stop - 1, stop)):
-            return axis
-    return ""
+        if (other := route.axis_to(stop)) != axis:
+            axes = {"other": other.upper(), "axis": axis.upper()}
+            faults.append(
+                (route.step_mm(stop - 1, stop), message("wrong-axis-order", **sizes, **axes))
+            )
+    unexplained = (
+        message("laser-reset", **sizes)
+        if abs(absolute_mm) <= STILL_MM
+        else message("step-mismatch", **sizes)
+    )
+    return next(
+        (words for step_mm, words in faults if agrees(measured_mm, step_mm)), unexplained
+    )
