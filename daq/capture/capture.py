@@ -448,7 +448,6 @@ class Capture:
         placing = self._placing(dwell.signals)
         self._taker.take(
             found,
-            self._finder.turn,
             replace(dwell, signals=judged.signals),
             placing,
             self._windows(dwell, placing),

@@ -15,7 +15,7 @@ from stepdiag.daq.capture.captured_stop import CapturedStop, marked, remarks_of
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.naming.route import Route, agrees
-from stepdiag.daq.capture.naming.walk import BEGUN_ANEW, BREAKS_COUNT, Walk
+from stepdiag.daq.capture.naming.walk import BEGUN_ANEW, BREAKS_COUNT, Look, Walk
 from stepdiag.daq.capture.noise import LEAST_SAMPLES, PLACED_MM
 from stepdiag.daq.capture.outages import LINK_DOWN, Outages
 from stepdiag.daq.capture.outcome import Outcome
@@ -82,25 +82,27 @@ class StopTaker:
     def take(
         self,
         walk: Walk,
-        turn: CapturedStop | None,
         dwell: Dwell,
         placing: Placing,
         windows: Sequence[Taken],
         outcomes: list[Outcome],
     ) -> None:
-        """Take the stop of a dwell with its windows, and the stops before it that Modbus missed.
-        ``turn`` is the last stop of the pass before.
-        """
+        """Take the stop of a dwell with its windows, and the stops before it that Modbus missed."""
         by_laser = dwell.signals.commanded_mm is None and placing is self._laser
         if not by_laser and walk.is_bounce(dwell.signals):
             return
         taken = [self._noise.take(each, self._rules) for each in windows]
         lost = not self.reaches_back(taken, dwell)
         seen = [each.window.mean_mm for each in taken] if placing is self._laser else []
-        after_mm = seen[-1] if len(seen) > 1 else None
-        index, names, odd = walk.locate(
-            dwell.signals, seen[0] if seen else None, after_mm, lost=lost
+        look = Look(
+            dwell.signals.commanded_mm,
+            dwell.signals.stop_count,
+            seen[0] if seen else None,
+            lost,
+            seen[-1] if len(seen) > 1 else None,
         )
+        path, odd = walk.locate(look)
+        index, names = path.name, path.names
         if walk.apart:
             self._before, walk.apart = (*self._before, Break(dwell.from_ns, walk.apart)), None
         self._named = [*([] if lost else self._named), (dwell, taken, names[-1])]
@@ -114,6 +116,7 @@ class StopTaker:
             by_laser and index < walk.expected and walk.is_bounce(dwell.signals)
         ):
             return
+        turn = walk.turn
         if (
             walk.expected == 0
             and turn is not None
@@ -465,7 +468,7 @@ class PositionCheck:
 
     def __init__(self, signals: SignalMap) -> None:
         self._signals = signals
-        self._reported: dict[str, Severity] = {}
+        self._reported: Severity | None = None
 
     def judge(self, walk: Walk, stop: int, signals: Signals) -> list[Finding]:
         """Return the finding of the commanded position at a stop; none where the register cannot
@@ -484,9 +487,9 @@ class PositionCheck:
             return []
         off_mm, axis, here, plan = worst
         severity: Severity = "info" if off_mm <= PLACED_MM else "warning"
-        if self._reported.get(walk.name) in (severity, "warning"):
+        if self._reported in (severity, "warning"):
             return []
-        self._reported[walk.name] = severity
+        self._reported = severity
         off_um = (here - plan) * 1e3
         words = message(
             "position-differs", axis=axis.upper(), at_mm=here, planned_mm=plan, off_um=off_um

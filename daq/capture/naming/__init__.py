@@ -21,20 +21,17 @@ does not show it. So one chain serves machines with all registers, with the stop
 without signals.
 
     position    the plan's position of the stop; any position for a standstill at no stop
-    counter     the number of stops since the standstill before; a counter that was wrong once may
-                stay wrong
+    counter     the number of stops since the standstill before, also by a marker input; a counter
+                that was wrong once may stay wrong
     laser       the reading of the same stop in the same count, else the reading of a known stop and
                 the nominal way from it. A lost count is an observation without memory: the readings
                 before the loss are ignored. A reading that fits no stop begins a new memory
-    marker      a counter
-    time        how long a standstill lasts: `standing` makes standstills of plateaus, `by_laser`
-                leaves out the short ones
+    time        how long a standstill lasts: `by_laser` leaves out the short plateaus
 
 A later standstill may change the names of earlier ones. These are placed again by their new names.
 
-`finder` chooses the setup by the signals. The direction follows from the chain: the first
-standstill of a log extends the path of the pass that goes on, the path of a pass that begins in the
-other direction, and the paths over a turn that no standstill has shown. `walk.Walk`
-compares the names with counter and laser, and states what disagrees. `route` holds the stops of a
-pass, and judges a step.
+The signals choose the setup (`finder`). The direction follows from the chain: the first standstill
+of a log extends the path of the pass that goes on, the path of a pass that begins in the other
+direction, and the paths over a turn that no standstill has shown. `walk.Walk` compares the names
+with counter and laser, and states what disagrees.
 """

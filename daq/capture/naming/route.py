@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.messages import Message, message
+from stepdiag.base.messages import Message, Way, message, run
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.runs import Plan, run_stops_mm
 from stepdiag.base.setups import Setup, setup_of
@@ -25,10 +25,8 @@ from stepdiag.daq.capture.noise import (
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Route:
     """A pass: commanded stops in the order of travel, shape (k, 3), and the nominal reading at
-    each, relative to the first, shape (k,).
-
-    ``along`` is the direction in which the reading increases, a unit vector. A position within
-    ``beside_mm`` of a stop is at the stop: `BESIDE_MM`, less where steps are short.
+    each, relative to the first, shape (k,). ``along`` is the direction in which the reading
+    increases. A position within ``beside_mm`` of a stop is at the stop.
     """
 
     setup: str
@@ -45,14 +43,21 @@ class Route:
     def travel(self) -> Setup:
         return setup_of(self.setup)
 
+    @property
+    def way(self) -> Way:
+        return "out" if self.outward else "back"
+
+    @property
+    def run(self) -> Message:
+        return run(self.setup, self.way)
+
     def axis_to(self, stop: int) -> str:
-        """Return the axis that moves to a stop: x, y, z; empty for the first."""
+        """Return the axis that moves to a stop; empty for the first."""
         if stop == 0:
             return ""
         return AXES[int(np.argmax(np.abs(self.stops_mm[stop] - self.stops_mm[stop - 1])))]
 
     def planned_mm(self, stop: int) -> tuple[float, float, float]:
-        """Return the planned position of a stop."""
         x_mm, y_mm, z_mm = self.stops_mm[stop].tolist()
         return x_mm, y_mm, z_mm
 
@@ -69,9 +74,7 @@ class Route:
         return self.step_mm(len(self) - 1 - from_stop, len(self) - 1 - to_stop)
 
     def find(self, position_mm: tuple[float, float, float], expected: int) -> int | None:
-        """Return the stop at a commanded or actual position, nearest to the expected stop; None
-        without a stop there.
-        """
+        """Return the stop at a position, the nearest to the expected stop; None without one."""
         places = np.flatnonzero(self.beside(position_mm))
         return int(places[np.argmin(np.abs(places - expected))]) if len(places) else None
 
@@ -89,9 +92,9 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
 
     Cached, because page and status need the routes of all setups ten times a second.
     """
-    run = plan.run_of(setup)
-    stops = run_stops_mm(plan, run, number)
-    travel = np.array(run.travel.signs) * np.array(plan.volume.size_mm)
+    planned = plan.run_of(setup)
+    stops = run_stops_mm(plan, planned, number)
+    travel = np.array(planned.travel.signs) * np.array(plan.volume.size_mm)
     nominal = (stops - stops[0]) @ (travel / np.linalg.norm(travel))
     way = stops[-1] - stops[0]
     along = way / np.linalg.norm(way) * np.sign(nominal.sum())
@@ -106,6 +109,12 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
         along=along,
         beside_mm=float(np.clip(0.1 * least_mm, PLACED_MM, BESIDE_MM)),
     )
+
+
+def routes_of(plan: Plan, setup: str, numbers: tuple[int, int]) -> tuple[Route, Route]:
+    """Return the routes of a setup's next pass out and next pass back."""
+    out, back = numbers
+    return route_of(plan, setup, out), route_of(plan, setup, back)
 
 
 def step_noise_mm(way_mm: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -133,7 +142,7 @@ def log_likelihood(
     off: NDArray[np.float64], scale: float | NDArray[np.float64], within: float = RANGE_MM
 ) -> NDArray[np.float64]:
     """Return the logarithm of the likelihood of residuals: normal, or at the rate `FAILURE`
-    anywhere ``within`` a range. NaN where a residual is unknown.
+    anywhere ``within`` a range.
     """
     failed = math.exp(-FAILURE) / within
     density: NDArray[np.float64] = np.log(np.exp(log_normal(off, scale)) + failed)

@@ -21,7 +21,7 @@ def begun(next_stop, at, count):
     start = CaptureStart(hints={"ppp": PassHint(next_stop=next_stop)}, last_count=100)
     signals = Signals(stopped=True, stop_count=count, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm)
     walk = PassFinder(SURVEY, start).follow(signals)
-    return walk.way, walk.expected
+    return walk.route.way, walk.expected
 
 
 @pytest.mark.parametrize("twice", [0, 1], ids=["once", "twice"])
