@@ -19,7 +19,7 @@ from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.naming.finder import PassFinder
 from stepdiag.daq.capture.naming.walk import Walk
-from stepdiag.daq.capture.noise import LAG_NS
+from stepdiag.daq.capture.noise import LAG_NS, MOMENT_NS
 from stepdiag.daq.capture.outages import Outages
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.remarks.remarks import Alarm, Pulse, StreamRemarks, remarked
@@ -469,7 +469,12 @@ class Capture:
         walk, taken = self.walk, self._windows(dwell, self.laser)
         until_ns = taken[0].to_ns if taken else dwell.to_ns
         moves = (
-            moves_between(self.laser, self._dwell_before, dwell)
+            moves_between(
+                self.laser,
+                self._dwell_before,
+                dwell,
+                min(MOMENT_NS * 1e-9, self._survey.stop.min_window_s),
+            )
             if self._dwell_before is not None
             else ()
         )

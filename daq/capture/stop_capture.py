@@ -78,6 +78,7 @@ class StopTaker:
         self._noise = PassNoise()
         self._named: list[Named] = []
         """The standstills since the last loss of count, with the names of their stops."""
+        self._stops: list[CapturedStop] = []
 
     def take(
         self,
@@ -101,8 +102,11 @@ class StopTaker:
             lost,
             seen[-1] if len(seen) > 1 else None,
         )
+        expected_route = walk.route
         path, odd = walk.locate(look)
         index, names = path.name, path.names
+        if walk.route is not expected_route:
+            outcomes += self._stops_anew(walk.route)
         if walk.apart:
             self._before, walk.apart = (*self._before, Break(dwell.from_ns, walk.apart)), None
         self._named = [*([] if lost else self._named), (dwell, taken, names[-1])]
@@ -122,12 +126,9 @@ class StopTaker:
             and turn is not None
             and self._turned_round(walk, turn, index, dwell, outcomes)
         ):
-            _share_turn(
-                walk,
-                turn,
-                dwell.signals.stop_count if index == 0 else turn.stop_count,
-                outcomes,
-            )
+            stop_count = dwell.signals.stop_count if index == 0 else turn.stop_count
+            self._stops = [_shared_turn(walk, turn, stop_count)]
+            outcomes += self._stops
             if index == 0:
                 return
         for missed in range(walk.expected, index):
@@ -140,6 +141,15 @@ class StopTaker:
         outcomes += self._positions.judge(walk, index, dwell.signals)
         self._place(walk, index, dwell, taken, outcomes)
         self._looked_until_ns = max(self._looked_until_ns, float(dwell.to_ns))
+
+    def _stops_anew(self, route: Route) -> list[CapturedStop]:
+        """Return the stops of the pass until now, on a route with another order of the axes: their
+        places are the same.
+        """
+        first = max((at for at, stop in enumerate(self._stops) if stop.stop == 0), default=0)
+        return [
+            msgspec.structs.replace(stop, order=route.order) for stop in self._stops[first:]
+        ]
 
     def _turned_round(
         self,
@@ -384,6 +394,7 @@ class StopTaker:
             unwatched = unwatched or message("reading-of-pieces")
         stop = msgspec.structs.replace(stop, broken=broken, unwatched=unwatched)
         outcomes.append(stop)
+        self._stops.append(stop)
         walk.advance(stop)
 
     def _breaks_up_to(self, time_ns: int) -> tuple[Words, Words]:
@@ -445,20 +456,21 @@ def _bridged_break(walk: Walk, index: int, broken: Words, unwatched: Words) -> F
     return walk.finding("info", index, words)
 
 
-def _share_turn(
-    walk: Walk, turn: CapturedStop, stop_count: int | None, outcomes: list[Outcome]
-) -> None:
-    """Begin a pass with the last stop of the previous pass: the same reading of the same moment."""
+def _shared_turn(walk: Walk, turn: CapturedStop, stop_count: int | None) -> CapturedStop:
+    """Return the first stop of a pass that begins with the last stop of the previous pass: the same
+    reading of the same moment.
+    """
     place = {
         "setup": walk.route.setup,
         "outward": walk.route.outward,
         "stop": 0,
         "axis": "",
         "stop_count": stop_count,
+        "order": walk.route.order,
     }
     stop = msgspec.structs.replace(turn, **place, broken="", unwatched="", turned=True)
-    outcomes.append(stop)
     walk.advance(stop)
+    return stop
 
 
 class PositionCheck:
@@ -532,6 +544,7 @@ def make_stop(
         stop=stop,
         position_mm=signals.commanded_mm or route.planned_mm(stop),
         axis=route.axis_to(stop),
+        order=route.order,
         stop_count=signals.stop_count,
         reading_mm=taken.window.mean_mm if math.isfinite(taken.window.mean_mm) else None,
         u_um=taken.window.u_um,

@@ -124,6 +124,7 @@ _STOP = {
     "refused": TEXT,
     "recovered": FLAG,
     "turned": FLAG,
+    "order": TEXT,
     "channels": NUMBERS,
     "u_channels": NUMBERS,
     "material_temperature_c": NUMBER,

@@ -18,7 +18,6 @@ from stepdiag.daq.capture.noise import (
     FAULT,
     LAG_NS,
     LEAST_SAMPLES,
-    MOMENT_NS,
     ORDINARY,
     PLACED_MM,
     RANGE_MM,
@@ -99,16 +98,19 @@ class Stand:
         return max(self.moves, key=lambda move: move.fits(late_s), default=None)
 
 
-def moves_between(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[Move, ...]:
+def moves_between(
+    laser: StreamBuffer, before: Dwell, dwell: Dwell, least_s: float
+) -> tuple[Move, ...]:
     """Return the laser's possible moves between two consecutive dwells: from each plateau to each
     later plateau.
 
     The times of the signals lie between two polls; the times of the laser are the edges of its
-    plateaus.
+    plateaus. ``least_s`` is the least duration of a plateau: with a longer one the standstills of a
+    hasty machine are missing, and a later move of the same size takes the place of the right one.
     """
     poll_ns = dwell.from_ns - (dwell.not_before_ns or dwell.from_ns)
     span = laser.span(before.from_ns - MOST_LATE_S * 1e9, math.inf)
-    levels = find_plateaus(span.time_ns, span.position_mm, MOMENT_NS * 1e-9)
+    levels = find_plateaus(span.time_ns, span.position_mm, least_s)
     u_s = math.hypot(EDGE_S, poll_ns * 1e-9 / math.sqrt(12))
     moves = (
         Move(

@@ -3,12 +3,12 @@
 Theory of operation
 -------------------
 A pass is a hidden Markov chain (Rabiner 1989) over its standstills. The hidden state of a
-standstill is (pass, stop, approach): the pass is a setup in one direction; the stop is a place on
-its route; the approach is the step of the plan, a step outside the plan (astray), or none: then the
-machine stands at no stop, and the stop of the state is the last one that it reached. `walk.Chain`
-follows the most probable path standstill by standstill (Viterbi 1967). The name of a standstill is
-the end of the best path. The margin is the logarithm of the odds of that path against the best path
-with another end; a small margin is a doubt.
+standstill is (pass, stop, approach): the pass is a setup in one direction with one order of its
+axes; the stop is a place on its route; the approach is the step of the plan, a step outside the
+plan (astray), or none: then the machine stands at no stop, and the stop of the state is the last
+one that it reached. `walk.Chain` follows the most probable path standstill by standstill (Viterbi
+1967). The name of a standstill is the end of the best path. The margin is the logarithm of the odds
+of that path against the best path with another end; a small margin is a doubt.
 
 Moves. The step to the next stop has no cost. Every other move is a fault with a rate: a stop that
 is not seen, the same stop again, the first stop again, the last stop, where the program of the

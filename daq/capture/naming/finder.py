@@ -114,7 +114,7 @@ class PassFinder:
         pass is more probable; and the path to the first standstill.
         """
         hint = self._start.hints[setup]
-        routes = routes_of(self._survey.planned, setup, hint.numbers)
+        routes = routes_of(self._survey.planned, setup, (*hint.numbers, *hint.others))
         on, *others = beginnings(
             Path(
                 way=OUT if hint.outward else BACK,

@@ -1,6 +1,7 @@
 """The stops of a pass, and the laser's readings between them."""
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -9,7 +10,12 @@ from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message, Way, message, run
 from stepdiag.base.names import AXES
-from stepdiag.base.readings.runs import Plan, run_stops_mm
+from stepdiag.base.readings.runs import (
+    Plan,
+    has_several_orders,
+    moving_order_of,
+    run_stops_mm,
+)
 from stepdiag.base.setups import Setup, setup_of
 from stepdiag.daq.capture.noise import (
     BESIDE_MM,
@@ -26,7 +32,8 @@ from stepdiag.daq.capture.noise import (
 class Route:
     """A pass: commanded stops in the order of travel, shape (k, 3), and the nominal reading at
     each, relative to the first, shape (k,). ``along`` is the direction in which the reading
-    increases. A position within ``beside_mm`` of a stop is at the stop.
+    increases. A position within ``beside_mm`` of a stop is at the stop. ``order`` is the order of
+    the moving axes (``yzx``); empty if all passes of the setup have the same order.
     """
 
     setup: str
@@ -35,6 +42,7 @@ class Route:
     nominal_mm: NDArray[np.float64]
     along: NDArray[np.float64]
     beside_mm: float
+    order: str = ""
 
     def __len__(self) -> int:
         return len(self.nominal_mm)
@@ -108,13 +116,23 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
         nominal_mm=nominal,
         along=along,
         beside_mm=float(np.clip(0.1 * least_mm, PLACED_MM, BESIDE_MM)),
+        order=moving_order_of(plan, planned, number)
+        if has_several_orders(plan, planned)
+        else "",
     )
 
 
-def routes_of(plan: Plan, setup: str, numbers: tuple[int, int]) -> tuple[Route, Route]:
-    """Return the routes of a setup's next pass out and next pass back."""
-    out, back = numbers
-    return route_of(plan, setup, out), route_of(plan, setup, back)
+def routes_of(plan: Plan, setup: str, numbers: Iterable[int]) -> tuple[Route, ...]:
+    """Return the routes of the passes of a setup with the given numbers."""
+    return tuple(route_of(plan, setup, number) for number in numbers)
+
+
+def shared(known: Mapping[int, float], one: Route, other: Route) -> dict[int, float]:
+    """Return the readings, by stop, of the stops that are at the same place on two routes of a
+    setup in the same direction.
+    """
+    there = np.abs(one.stops_mm - other.stops_mm).max(axis=1) < PLACED_MM
+    return {stop: reading for stop, reading in known.items() if there[stop]}
 
 
 def step_noise_mm(way_mm: NDArray[np.floating]) -> NDArray[np.float64]:

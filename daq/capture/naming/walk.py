@@ -15,6 +15,7 @@ from stepdiag.daq.capture.naming.route import (
     judge_step,
     log_likelihood,
     log_normal,
+    shared,
     step_noise_mm,
 )
 from stepdiag.daq.capture.noise import (
@@ -253,12 +254,26 @@ def _reading_likelihood(
     return read, np.abs(off) < SIGMAS * noise
 
 
+def _other_orders(begin: Path, routes: tuple[Route, ...]) -> Iterator[Path]:
+    """Yield the path of a pass that begins in the same direction on a route with another order of
+    the axes: a program driven anew begins with its own first order, whichever pass is missing.
+    """
+    expected, counts = routes[begin.way], begin.stop >= 0 and begin.count is not None
+    for way, route in enumerate(routes):
+        if route.outward == expected.outward and route.order != expected.order:
+            known = shared(begin.known, expected, route)
+            score = -FAULT - FAILURE * counts
+            yield replace(begin, score=score, way=way, stop=-1, known=known)
+
+
 class Walk:
     """Follows a pass stop by stop. ``expected`` is the index of the stop that comes next, ``last``
     the last captured stop, ``turn`` the last stop of the pass before, where the machine reversed.
 
     ``apart`` is the reason why the earlier stops have another count, without an event of the laser;
-    ``unsure`` is the reason why the name of the stop is uncertain.
+    ``unsure`` is the reason why the name of the stop is uncertain. The standstills decide between
+    the orders of the axes, so `locate` may change ``route``: the stops before it are then at the
+    same places.
     """
 
     def __init__(
@@ -269,7 +284,8 @@ class Walk:
         apart: Message | None = None,
     ) -> None:
         self.route = routes[begin.way]
-        self.chain = Chain(routes, begin)
+        self._routes = routes
+        self.chain = Chain(routes, begin, *_other_orders(begin, routes))
         self.turn = turn
         self.apart = apart
         self.unsure: Message | None = None
@@ -307,6 +323,7 @@ class Walk:
         steps, (by_count, odd) = self._steps(look.count), self._by_count(look.count)
         if path.name is None:
             return path, [*(odd if placed else []), self._nowhere(look.position_mm)]
+        self.route = self._routes[path.way]
         if self.expected == 0 and not placed and read_before and len(path.known) == 1:
             self.apart = message("reads-no-stop")
         if steps != 0 or path.stop != self._read.stop:

@@ -280,8 +280,17 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     unbroken = after.not_before_ns is None or after.not_before_ns <= before.dwell.from_ns
     soon = after.from_ns - before.end_ns < FLICKER_NS
     flicker = soon and same_stop(before.dwell.signals, after.signals)
+    count = after.signals.stop_count
     if placing is None:
-        return flicker and after.signals.stop_count is not None
+        return flicker and count is not None
+    if (
+        unbroken
+        and count is not None
+        and count == before.dwell.signals.stop_count
+        and after.from_ns - before.dwell.from_ns < FLICKER_NS
+    ):
+        # the position lags behind counter and stop signal: the time is too short for a move
+        return True
     if not unbroken and (
         not flicker
         or any(before.end_ns < each.time_ns <= after.from_ns for each in placing.breaks)

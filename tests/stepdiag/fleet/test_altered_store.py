@@ -198,7 +198,9 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
         )
         assert int(done.stdout) < 100_000, "kilobytes beside the libraries"
 
-    def test_no_thread_of_the_library_is_left_when_a_store_was_read(self, store: Store) -> None:
+    def test_no_thread_of_the_library_is_left_when_a_store_was_read(
+        self, store: Store
+    ) -> None:
         """A thread that still runs when the interpreter ends aborts the process: under load, one
         of six finished commands exited with -6."""
         code = f"""
