@@ -219,6 +219,11 @@ class Session:
         return self.capture is not None and self.capture.machine_waits
 
     @property
+    def runs_on(self) -> bool:
+        """Return whether the machine's program belongs to the previous survey, which is over."""
+        return not self._armed
+
+    @property
     def samples(self) -> int:
         """Return the number of recorded samples of the laser."""
         return self._samples + (self.capture.laser.samples if self.capture is not None else 0)
