@@ -1,27 +1,35 @@
 """A machine without signals: the laser's plateaus are the standstills, and the chain of `naming`
-assigns them to stops.
+assigns them to stops. Each is handed on as a dwell at its planned position.
 
-The machine sends no stop number. So only the steps between the first stops of a pass make these
-stops sure, and a lost count ends the pass, because the machine's place is then unknown. Every named
-stop is passed on as a dwell at its planned position, and judged like a dwell of a machine with
-signals. A pass that seems to begin after its first stop may have another order of the axes: its
-last stop is passed on at the next standstill, or at the end of the count. An instrument whose
-marker input receives the machine's stop relay (quDIS) reports and counts the standstills itself.
+The first stops of a pass are sure by the steps between them. A lost count ends the pass: the
+machine's place is then unknown. A pass that seems to begin after its first stop may be another
+order of the axes: its last stop is handed on with the next standstill, or with the end of the
+count. An instrument whose marker input receives the machine's stop relay (quDIS) reports and counts
+the standstills itself.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
 
 import numpy as np
 
 from stepdiag.base.findings import Severity, finding
 from stepdiag.base.messages import Message, Place, message
 from stepdiag.daq.capture.log_start import CaptureStart
-from stepdiag.daq.capture.naming.route import agrees, route_of
-from stepdiag.daq.capture.naming.walk import FAULT, SURE, Chain, Look, Path
+from stepdiag.daq.capture.naming.route import agrees, routes_of
+from stepdiag.daq.capture.naming.walk import (
+    BACK,
+    OUT,
+    SURE,
+    Chain,
+    Known,
+    Look,
+    Path,
+    beginnings,
+)
+from stepdiag.daq.capture.noise import FAULT, LAG_NS, MAJORITY, MOMENT_NS, STILL_MM
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
-from stepdiag.daq.capture.standing.window import EDGE_NS, MAJORITY, find_plateaus
+from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.capture.standing.window import EDGE_NS, Plateau, find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Span, StreamBuffer
@@ -29,43 +37,20 @@ from stepdiag.daq.timing.stream import Span, StreamBuffer
 LOOK_NS = 200_000_000
 REACH_NS = 60_000_000_000
 """The span of time before now, in ns, in which a standstill is searched."""
-PAUSE_NS = 500_000_000
-"""Shortest time in ns between two standstills at the same reading; plateaus closer in time are one
-shaken standstill.
-"""
-ENDING_NS = 1_000_000_000
-"""Time in ns after a lost count in which the stops before the loss are still captured."""
 LONG = 2.5
 """Duration in dwells after which a standstill is captured before its end, because the machine may
 stay at the last stop without limit.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class _Stand:
-    """A standstill: its bounds in time, its reading, and its number if a marker input counts
-    standstills.
-    """
-
-    from_ns: float
-    to_ns: float
-    level_mm: float
-    count: int | None = None
-
-
 class ByLaser:
-    """Follows the laser through one log. ``look`` is called with every chunk and returns the
-    standstills in the order of the pass.
-    """
+    """Follows the laser through one log, chunk by chunk."""
 
     def __init__(self, survey: Survey, start: CaptureStart, laser: StreamBuffer) -> None:
         self._laser = laser
         self.setup = next(iter(start.hints))
-        out, back = start.hints[self.setup].numbers
-        self._routes = (
-            route_of(survey.planned, self.setup, out),
-            route_of(survey.planned, self.setup, back),
-        )
+        hint = start.hints[self.setup]
+        self._routes = routes_of(survey.planned, self.setup, hint.numbers)
         needed_s = survey.stop.settle_s + survey.stop.min_window_s
         # a plateau of less than half a dwell is a place where the machine turned round
         self._least_s = max(needed_s, MAJORITY * survey.plan.dwell_s)
@@ -76,36 +61,27 @@ class ByLaser:
         self._began_ns = np.inf
         self._marked = survey.laser.format == "qudis" and survey.laser.qudis.marker
         self._left_ns: int | None = None
-        self._stands: list[_Stand] = []
-        self._taken = 0
         self._reported: set[str] = set()
-        self._lost_ns: int | None = None
-        self._over_with = False
-        self._held: list[tuple[int, _Stand]] = []
+        self._lost_ns: float | None = None
+        self._held: list[Dwell] = []
         """The last stop of a pass that seems to begin after its first stop."""
         self._other_order = False
         self.seen: list[tuple[float, float]] = []
         """Every standstill until now, also those without a stop: the time of its end (ns), and its
         reading in mm.
         """
-        hint = start.hints[self.setup]
-        self._way, self._fresh = int(not hint.outward), not hint.known
-        first = 0 if hint.outward else len(self._routes[0]) - 1
+        self._way, self._fresh = OUT if hint.outward else BACK, not hint.known
+        first = 0 if hint.outward else len(self._routes[OUT]) - 1
         reaches_back = not any(each.watched for each in start.breaks)
-        self._turns = reaches_back and hint.next_stop == 0 and first in hint.known
-        self._chain = self._begun(hint.known if self._turns else {})
+        turns = reaches_back and hint.next_stop == 0 and first in hint.known
+        self._begin(hint.known if turns else {})
 
-    def _begun(self, known: Mapping[int, float]) -> Chain:
-        """Return the chain (`naming`) of a pass that begins in the expected or in the opposite
-        direction; ``known`` are the readings of the present count, by stop of the outward route.
-        """
-        last = len(self._routes[0]) - 1
-        levels = (known, {last - stop: level for stop, level in known.items()})
-        begins = (
-            Path(score=-cost, way=way, known=levels[way])
-            for way, cost in ((self._way, 0.0), (1 - self._way, FAULT))
-        )
-        return Chain(self._routes, *begins, signalled=False)
+    def _begin(self, known: Known) -> None:
+        """Begin a pass in either direction."""
+        begins = beginnings(Path(way=self._way), known, len(self._routes[OUT]), FAULT)
+        self._chain = Chain(self._routes, *begins, signalled=False)
+        self._turns, self._taken = bool(known), 0
+        self._stands: list[Plateau] = []
 
     def look(self, now_ns: int) -> tuple[list[Dwell], list[Outcome]]:
         """Return the named stops whose standstill is over, and the findings."""
@@ -115,75 +91,54 @@ class ByLaser:
             return dwells, outcomes
         self._looked_ns = now_ns
         if self._lost_ns is not None:
-            if now_ns - self._lost_ns > ENDING_NS and not self._over_with:
-                self._over_with = True
-                outcomes.append(
-                    Ended("aborted", message("count-lost-unplaced", setup=self.setup))
-                )
+            if now_ns - self._lost_ns > 2 * LAG_NS:
+                self._lost_ns = math.inf
+                words = message("count-lost-unplaced", setup=self.setup)
+                outcomes.append(Ended("aborted", words))
             return dwells, outcomes
-        lost = self._lost()
-        for over in self._over(lost=lost):
-            self.seen.append((over.to_ns, over.level_mm))
-            dwells += [self._dwell(stop, stand) for stop, stand in self._name(over, outcomes)]
-        dwells += self.finish() if lost else []
-        begun = self._taken and self._chain.best.stop < len(self._routes[0]) - 1
-        if lost and (begun or self._other_order):
-            self._lost_ns = now_ns
-        elif lost:
-            self._chain, self._stands, self._taken, self._turns = (
-                self._begun({}),
-                [],
-                0,
-                False,
-            )
+        breaks = self._laser.breaks
+        lost = any(each.watched for each in breaks[self._breaks :])
+        self._breaks = len(breaks)
+        for stand in self._over(lost=lost):
+            self.seen.append((stand.to_ns, stand.level_mm))
+            dwells += self._name(stand, outcomes)
+        if lost:
+            dwells += self.finish()
+            begun = self._taken and self._chain.best.stop < len(self._routes[OUT]) - 1
+            if begun or self._other_order:
+                self._lost_ns = now_ns
+            else:
+                self._begin({})
         return dwells, outcomes
 
     def finish(self) -> list[Dwell]:
-        """Return the last stop that waits for the next standstill: the count has ended, so no
-        standstill follows.
-        """
+        """Return the last stop that waits for the next standstill: none follows."""
         held, self._held = self._held, []
-        return [self._dwell(stop, stand) for stop, stand in held]
+        return held
 
-    def _lost(self) -> bool:
-        """Return whether the count was lost since the last call."""
-        seen, self._breaks = self._breaks, len(self._laser.breaks)
-        return any(each.watched for each in self._laser.breaks[seen:])
-
-    def _over(self, *, lost: bool) -> list[_Stand]:
-        """Return the standstills that ended since the last call, also a standstill that lasts long
-        (`LONG`), and one during which the beam was lost.
-        """
+    def _over(self, *, lost: bool) -> list[Plateau]:
+        """Return the standstills that ended, or last long (`LONG`), since the last call."""
         newest = self._laser.newest_ns()
-        if not np.isfinite(newest):
-            return []
         span = self._laser.span(max(self._done_ns, newest - REACH_NS), newest)
         if not len(span.time_ns):
             return []
         self._began_ns = min(self._began_ns, float(span.time_ns[0]))
-        found = (
-            _marked(span)
-            if self._marked
-            else _without_shakes(_plateaus(span, self._least_s), span)
-        )
+        found = _marked(span) if self._marked else _without_shakes(span)
         over = []
-        for stand, following in zip(found, [*found, None][1:], strict=True):
-            left = lost or following is not None or self._has_left(span, stand)
+        for stand in found:
+            moved = (
+                abs(span.position_mm[-1] - stand.level_mm) > STILL_MM
+                if stand.count is None
+                else span.time_ns[-1] > stand.to_ns
+            )
+            left = lost or moved or stand is not found[-1]
             if left or stand.to_ns - stand.from_ns > self._long_ns:
                 over.append(stand)
                 self._done_ns = stand.to_ns
         return [each for each in over if each.to_ns - each.from_ns >= self._least_s * 1e9]
 
-    def _has_left(self, span: Span, stand: _Stand) -> bool:
-        """Return whether the machine has left the newest standstill."""
-        if stand.count is not None:
-            return float(span.time_ns[-1]) > stand.to_ns
-        return abs(float(span.position_mm[-1]) - stand.level_mm) > STILL_MM
-
-    def _name(self, stand: _Stand, outcomes: list[Outcome]) -> list[tuple[int, _Stand]]:
-        """Return the stops that are sure after a further standstill, each with its own
-        standstill.
-        """
+    def _name(self, stand: Plateau, outcomes: list[Outcome]) -> list[Dwell]:
+        """Return the stops that are sure after a further standstill."""
         if self._held or self._other_order:
             return self._after_last(stand)
         self._stands.append(stand)
@@ -195,7 +150,10 @@ class ByLaser:
             self._report_nowhere(before, stand, outcomes)
             return []
         if self._fresh and path.way != self._way:
-            self._report_wrong_sign(outcomes)
+            moved = stand.level_mm - self._stands[-2].level_mm
+            sizes = {"moved_mm": moved, "wanted_mm": -moved}
+            words = message("wrong-laser-sign.first", setup=self.setup, **sizes)
+            self._report("error", words, outcomes)
             return []
         stops = [
             (stop, each)
@@ -205,43 +163,29 @@ class ByLaser:
             if stop is not None and stop != last and not self._is_of_pass_before(stop, each)
         ]
         taken, self._taken = self._taken, len(stops)
-        sure = stops[taken:]
+        sure = [self._dwell(stop, each) for stop, each in stops[taken:]]
         late = not self._turns and bool(stops) and stops[0][0] > 0
-        if late and sure and sure[-1][0] == len(self._routes[0]) - 1:
+        if late and sure and stops[-1][0] == len(self._routes[OUT]) - 1:
             self._held = [sure.pop()]
         return sure
 
-    def _after_last(self, stand: _Stand) -> list[tuple[int, _Stand]]:
-        """Return the last stop of a pass that began after its first stop; empty if the machine
-        continues by a step of the plan, because the order of the axes is then another.
+    def _after_last(self, stand: Plateau) -> list[Dwell]:
+        """Return the last stop that was held; empty if the machine continues by a step of the
+        plan: the order of the axes is then another.
         """
-        held, self._held = self._held, []
-        steps_mm = np.diff(self._routes[self._chain.best.way].nominal_mm)
-        self._other_order = self._other_order or any(
-            agrees(stand.level_mm - last.level_mm, step_mm)
-            for _, last in held
-            for step_mm in steps_mm
-        )
+        held, last = self.finish(), self._chain.best
+        steps_mm = np.diff(self._routes[last.way].nominal_mm)
+        moved_mm = stand.level_mm - last.known[last.stop]
+        self._other_order |= any(agrees(moved_mm, step_mm) for step_mm in steps_mm)
         return [] if self._other_order else held
 
-    def _is_of_pass_before(self, stop: int, stand: _Stand) -> bool:
-        """Return whether a standstill is still the last stop of the previous pass: the machine has
-        not moved since.
-        """
+    def _is_of_pass_before(self, stop: int, stand: Plateau) -> bool:
+        """Return whether the machine has not moved since the last stop of the previous pass."""
         return self._turns and stop == 0 and stand.from_ns - self._began_ns < EDGE_NS
 
-    def _report_wrong_sign(self, outcomes: list[Outcome]) -> None:
-        """Report the first pass of a setup that runs in the opposite direction."""
-        before, stand = self._stands[-2:]
-        moved = stand.level_mm - before.level_mm
-        words = message(
-            "wrong-laser-sign.first", setup=self.setup, moved_mm=moved, wanted_mm=-moved
-        )
-        self._say("error", words, outcomes)
-
-    def _report_nowhere(self, path: Path, stand: _Stand, outcomes: list[Outcome]) -> None:
-        """Report a standstill that is at no stop of a pass. Before a pass, only a step beyond the
-        last stop of the previous pass is reported: that pass may be shifted by a stop.
+    def _report_nowhere(self, path: Path, stand: Plateau, outcomes: list[Outcome]) -> None:
+        """Report a standstill at no stop of a pass; before a pass, only a step beyond the last stop
+        of the previous pass, which may be shifted by a stop.
         """
         route, stop = self._routes[path.way], max(path.stop, 0)
         if stop not in path.known:
@@ -252,83 +196,60 @@ class ByLaser:
             words = message(
                 "between-stops.apart", setup=self.setup, moved_mm=moved, wanted_mm=expected
             )
-            self._say("warning", words, outcomes)
+            self._report("warning", words, outcomes)
         elif agrees(moved, -expected):
-            self._say("error", message("place-unknown.one-more", setup=self.setup), outcomes)
+            self._report(
+                "error", message("place-unknown.one-more", setup=self.setup), outcomes
+            )
 
-    def _say(self, severity: Severity, words: Message, outcomes: list[Outcome]) -> None:
-        """Add a finding once per log."""
+    def _report(self, severity: Severity, words: Message, outcomes: list[Outcome]) -> None:
         if words.code not in self._reported:
             self._reported.add(words.code)
             outcomes.append(finding(severity, words, Place(setup=self.setup)))
 
-    def _dwell(self, stop: int, stand: _Stand) -> Dwell:
+    def _dwell(self, stop: int, stand: Plateau) -> Dwell:
         """Return the dwell at the planned position that a machine with signals would show for a
         standstill.
         """
         x_mm, y_mm, z_mm = self._routes[self._chain.best.way].planned_mm(stop)
         from_ns, to_ns = int(stand.from_ns), int(stand.to_ns) - EDGE_NS
-        before, self._left_ns = self._left_ns, to_ns
+        before_ns, self._left_ns = self._left_ns or from_ns - 1, to_ns
         signals = Signals(
             stopped=True, stop_count=stand.count, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm
         )
-        return Dwell(
-            from_ns=from_ns,
-            to_ns=max(from_ns, to_ns),
-            not_before_ns=before or from_ns - 1,
-            signals=signals,
-        )
+        to_ns = max(from_ns, to_ns)
+        return Dwell(from_ns=from_ns, to_ns=to_ns, not_before_ns=before_ns, signals=signals)
 
 
-def _plateaus(span: Span, least_s: float) -> list[_Stand]:
-    """Return the plateaus in a span of samples; a shaken standstill appears as several plateaus."""
-    return [
-        _Stand(each.from_ns, each.to_ns, each.level_mm)
-        for each in find_plateaus(span.time_ns, span.position_mm, min(least_s, 0.2))
-    ]
-
-
-def _marked(span: Span) -> list[_Stand]:
-    """Return the standstills of the marker input: while its count of edges is odd, the relay is
-    closed.
-    """
+def _marked(span: Span) -> list[Plateau]:
+    """Return the standstills: the relay is closed while the marker's count of edges is odd."""
     if span.channels is None:
         return []
     (marker,) = span.channels.T.astype(np.int64)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], marker % 2, [0]))))
-    found = []
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        level_mm = float(np.median(span.position_mm[begin:end]))
-        found.append(
-            _Stand(
-                float(span.time_ns[begin]),
-                float(span.time_ns[end - 1]),
-                level_mm,
-                int(marker[begin] + 1) // 2,
-            )
+    return [
+        Plateau(
+            float(span.time_ns[begin]),
+            float(span.time_ns[end - 1]),
+            float(np.median(span.position_mm[begin:end])),
+            int(marker[begin] + 1) // 2,
         )
-    return found
+        for begin, end in zip(edges[::2], edges[1::2], strict=True)
+    ]
 
 
-def _without_shakes(parts: list[_Stand], span: Span) -> list[_Stand]:
-    """Return the standstills: plateaus between which the machine was shaken but did not move are
-    joined.
-    """
-    found: list[_Stand] = []
-    for part in parts:
-        last = found[-1] if found else None
-        if (
-            last is not None
-            and part.from_ns - last.to_ns < PAUSE_NS
-            and _still_between(last, part, span)
-        ):
-            found[-1] = _Stand(last.from_ns, part.to_ns, last.level_mm)
+def _without_shakes(span: Span) -> list[Plateau]:
+    """Return the plateaus of a span; those between which the machine did not move are joined."""
+    found: list[Plateau] = []
+    for part in find_plateaus(span.time_ns, span.position_mm, MOMENT_NS * 1e-9):
+        if found and _still_between(found[-1], part, span):
+            found[-1] = Plateau(found[-1].from_ns, part.to_ns, found[-1].level_mm)
         else:
             found.append(part)
     return found
 
 
-def _still_between(last: _Stand, part: _Stand, span: Span) -> bool:
+def _still_between(last: Plateau, part: Plateau, span: Span) -> bool:
     first, end = np.searchsorted(span.time_ns, (last.to_ns - EDGE_NS, part.from_ns + EDGE_NS))
     between = np.append(span.position_mm[first:end], part.level_mm)
     return bool(np.abs(between - last.level_mm).max() < STILL_MM)

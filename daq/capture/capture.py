@@ -19,6 +19,7 @@ from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.naming.finder import PassFinder
 from stepdiag.daq.capture.naming.walk import Walk
+from stepdiag.daq.capture.noise import LAG_NS, MOMENT_NS
 from stepdiag.daq.capture.outages import Outages
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.remarks.remarks import Alarm, Pulse, StreamRemarks, remarked
@@ -31,7 +32,6 @@ from stepdiag.daq.capture.standing.certain_window import (
     watched_closely,
 )
 from stepdiag.daq.capture.standing.dwell import (
-    SAMPLES_WAIT_NS,
     Dwell,
     DwellTracker,
     Standstills,
@@ -46,10 +46,6 @@ from stepdiag.daq.timing.stream import NOT_RECORDED, Break, StreamBuffer
 
 FAR_NS = 1 << 62
 """A time after every event: the log has ended, so the capture waits for nothing more."""
-LAG_S = 0.5
-"""Longest time in s for which the position registers may lag behind the stop signal and show
-another place.
-"""
 PATIENCE = 10.0
 """Number of windows after which, with the handshake, an unsteady stop is captured nevertheless and
 marked as doubtful.
@@ -385,7 +381,7 @@ class Capture:
         unbroken = unbroken_parts(placing, known)[-1]
         certain_s = (unbroken.to_ns - unbroken.from_ns) * 1e-9 - rules.settle_s
         if certain_s < rules.min_window_s or (
-            certain_s < LAG_S and not self._at_expected(dwell.signals)
+            certain_s * 1e9 < LAG_NS and not self._at_expected(dwell.signals)
         ):
             return
         taken = [
@@ -411,7 +407,7 @@ class Capture:
         while self._pending:
             dwell = self._pending.first()
             placing = self._placing(dwell.signals)
-            if placing.newest_ns() < dwell.to_ns and now_ns - dwell.to_ns < SAMPLES_WAIT_NS:
+            if placing.newest_ns() < dwell.to_ns and now_ns - dwell.to_ns < LAG_NS:
                 return
             if not self._pending.settled(
                 now_ns, self.tracker.open, self._mover(dwell.signals)
@@ -452,7 +448,6 @@ class Capture:
         placing = self._placing(dwell.signals)
         self._taker.take(
             found,
-            self._finder.turn,
             replace(dwell, signals=judged.signals),
             placing,
             self._windows(dwell, placing),
@@ -474,7 +469,12 @@ class Capture:
         walk, taken = self.walk, self._windows(dwell, self.laser)
         until_ns = taken[0].to_ns if taken else dwell.to_ns
         moves = (
-            moves_between(self.laser, self._dwell_before, dwell)
+            moves_between(
+                self.laser,
+                self._dwell_before,
+                dwell,
+                min(MOMENT_NS * 1e-9, self._survey.stop.min_window_s),
+            )
             if self._dwell_before is not None
             else ()
         )

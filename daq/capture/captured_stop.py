@@ -29,7 +29,8 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     finding's code) is the reason of an unusable reading; ``held`` names the conditions replaced by
     their last credible value. ``turned``: the stop is also the last stop of the previous pass; the
     machine arrived during that pass and reversed there. ``channels`` are the means of the 4-DOF
-    head.
+    head. ``order`` is the order of the moving axes (``yzx``) where the passes of the setup have
+    several; the first stop gets it with the second.
     """
 
     setup: str
@@ -58,6 +59,7 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     refused: str = ""
     recovered: bool = False
     turned: bool = False
+    order: str = ""
     channels: tuple[float, ...] = ()
     u_channels: tuple[float, ...] = ()
     material_temperature_c: float | None = None

@@ -16,16 +16,13 @@ import msgspec
 
 from stepdiag.base.conditions.air import HALL
 from stepdiag.base.messages import Message, message
+from stepdiag.daq.capture.noise import LEAST_SAMPLES
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
 
-BELIEVED_STOPS = 5
-"""Number of consecutive stops that must agree on the value after a jump before it is accepted; the
-jump itself remains a doubt.
-"""
 STALE_NS = 60_000_000_000
 """Age in ns of a sensor's last value above which the sensor counts as silent."""
 
@@ -67,11 +64,9 @@ UNITS_HPA: Mapping[str, float] = {
     "psi": 68.94757,
     "bar": 1000.0,
 }
-UNIT_NEAR, UNIT_FAR = 0.06, 0.2
-"""Limits, as shares of the pressure in [environment], that recognise a pressure in another unit
-than hPa: read in that unit, the pressure differs by at most the first share (weather); read in hPa,
-by more than the second (no hall is so high). 760 mmHg is the air at sea level, 760 hPa the air at
-2300 m.
+UNIT_NEAR = 0.06
+"""A pressure is in another unit if this unit brings the pressure to the pressure of [environment],
+within the weather: 760 mmHg is the air at sea level, 760 hPa the air at 2300 m.
 """
 
 
@@ -216,7 +211,7 @@ class Conditions:
                 message(
                     "sensor-jump.believed",
                     found=self._found(name, value, time_s),
-                    count=BELIEVED_STOPS,
+                    count=LEAST_SAMPLES,
                 )
             )
             code = None
@@ -250,11 +245,7 @@ class Conditions:
         unit, agrees.
         """
         stated = self._environment.air_pressure_hpa
-        if (
-            name != "air_pressure_hpa"
-            or name in self._credible
-            or abs(value / stated - 1) <= UNIT_FAR
-        ):
+        if name != "air_pressure_hpa" or name in self._credible:
             return ""
         return next(
             (
@@ -266,14 +257,16 @@ class Conditions:
         )
 
     def _agreed(self, name: str, value: float) -> bool:
-        """Return whether enough consecutive stops agree on a value after its jump."""
+        """Return whether `LEAST_SAMPLES` consecutive stops agree on a value after its jump; the
+        jump itself remains a doubt.
+        """
         seen = [
             other
             for other in self._jumped.get(name, [])
             if abs(other - value) <= COURSES[name].at_once
         ]
         self._jumped[name] = [*seen, value]
-        return len(self._jumped[name]) >= BELIEVED_STOPS
+        return len(self._jumped[name]) >= LEAST_SAMPLES
 
     def _reach(self, name: str, time_s: float) -> float:
         course = COURSES[name]

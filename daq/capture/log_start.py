@@ -23,11 +23,13 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
     reverses there begins the return pass with this stop. ``believed`` are the readings of stops at
     the end of a pass whose place is only assumed. If the machine's next step is the step after
     these stops, they were the first stops of a pass. ``numbers`` are the numbers of the next pass
-    out and the next pass back, whose order of axes may differ.
+    out and the next pass back, whose order of axes may differ. ``others`` are the numbers of passes
+    with other orders of the axes that may come instead.
     """
 
     outward: bool = True
     numbers: tuple[int, int] = (1, 2)
+    others: tuple[int, ...] = ()
     next_stop: int = 0
     last_reading_mm: float | None = None
     known: dict[int, float] = {}

@@ -3,7 +3,6 @@ reaches back to the previous stop.
 """
 
 import math
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,8 +14,9 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked, remarks_of
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
-from stepdiag.daq.capture.naming.route import PLACED_MM, Route, agrees
-from stepdiag.daq.capture.naming.walk import BEGUN_ANEW, BREAKS_COUNT, Walk
+from stepdiag.daq.capture.naming.route import Route, agrees
+from stepdiag.daq.capture.naming.walk import BEGUN_ANEW, BREAKS_COUNT, Look, Walk
+from stepdiag.daq.capture.noise import LEAST_SAMPLES, PLACED_MM
 from stepdiag.daq.capture.outages import LINK_DOWN, Outages
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.standing.certain_window import (
@@ -30,7 +30,6 @@ from stepdiag.daq.capture.standing.certain_window import (
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.standing.window import (
     EDGE_NS,
-    LEAST_SAMPLES,
     Placing,
     find_plateaus,
     summarise,
@@ -40,17 +39,15 @@ from stepdiag.daq.records.events import Link
 from stepdiag.daq.survey.models import StopRules, Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
 
-AGAIN = 1.5
-"""Factor by which a difference must exceed the difference reported of the pass before to be
-reported again.
-"""
-
 FROM_BEYOND, FROM_WHERE, NOT_ALL_MOVED = (
     message("other-side"),
     message("other-side.from-where"),
     message("other-side.not-all-moved"),
 )
 """Reasons why a stop may have been approached from the other side."""
+
+Named = tuple[Dwell, list[Taken], int | None]
+"""A standstill: its dwell, its windows, and the name of its stop."""
 
 
 class StopTaker:
@@ -79,31 +76,37 @@ class StopTaker:
         self._breaks_seen = 0
         self._looked_until_ns = 0.0
         self._noise = PassNoise()
-        self._named: list[tuple[Dwell, list[Taken], int | None]] = []
+        self._named: list[Named] = []
         """The standstills since the last loss of count, with the names of their stops."""
+        self._stops: list[CapturedStop] = []
 
     def take(
         self,
         walk: Walk,
-        turn: CapturedStop | None,
         dwell: Dwell,
         placing: Placing,
         windows: Sequence[Taken],
         outcomes: list[Outcome],
     ) -> None:
-        """Take the stop of a dwell with its windows, and the stops before it that Modbus missed.
-        ``turn`` is the last stop of the pass before.
-        """
+        """Take the stop of a dwell with its windows, and the stops before it that Modbus missed."""
         by_laser = dwell.signals.commanded_mm is None and placing is self._laser
         if not by_laser and walk.is_bounce(dwell.signals):
             return
         taken = [self._noise.take(each, self._rules) for each in windows]
         lost = not self.reaches_back(taken, dwell)
         seen = [each.window.mean_mm for each in taken] if placing is self._laser else []
-        after_mm = seen[-1] if len(seen) > 1 else None
-        index, names, odd = walk.locate(
-            dwell.signals, seen[0] if seen else None, after_mm, lost=lost
+        look = Look(
+            dwell.signals.commanded_mm,
+            dwell.signals.stop_count,
+            seen[0] if seen else None,
+            lost,
+            seen[-1] if len(seen) > 1 else None,
         )
+        expected_route = walk.route
+        path, odd = walk.locate(look)
+        index, names = path.name, path.names
+        if walk.route is not expected_route:
+            outcomes += self._stops_anew(walk.route)
         if walk.apart:
             self._before, walk.apart = (*self._before, Break(dwell.from_ns, walk.apart)), None
         self._named = [*([] if lost else self._named), (dwell, taken, names[-1])]
@@ -117,17 +120,15 @@ class StopTaker:
             by_laser and index < walk.expected and walk.is_bounce(dwell.signals)
         ):
             return
+        turn = walk.turn
         if (
             walk.expected == 0
             and turn is not None
             and self._turned_round(walk, turn, index, dwell, outcomes)
         ):
-            _share_turn(
-                walk,
-                turn,
-                dwell.signals.stop_count if index == 0 else turn.stop_count,
-                outcomes,
-            )
+            stop_count = dwell.signals.stop_count if index == 0 else turn.stop_count
+            self._stops = [_shared_turn(walk, turn, stop_count)]
+            outcomes += self._stops
             if index == 0:
                 return
         for missed in range(walk.expected, index):
@@ -140,6 +141,15 @@ class StopTaker:
         outcomes += self._positions.judge(walk, index, dwell.signals)
         self._place(walk, index, dwell, taken, outcomes)
         self._looked_until_ns = max(self._looked_until_ns, float(dwell.to_ns))
+
+    def _stops_anew(self, route: Route) -> list[CapturedStop]:
+        """Return the stops of the pass until now, on a route with another order of the axes: their
+        places are the same.
+        """
+        first = max((at for at, stop in enumerate(self._stops) if stop.stop == 0), default=0)
+        return [
+            msgspec.structs.replace(stop, order=route.order) for stop in self._stops[first:]
+        ]
 
     def _turned_round(
         self,
@@ -180,27 +190,30 @@ class StopTaker:
         self._named = [
             (*stand[:2], name) for stand, name in zip(self._named, names, strict=True)
         ]
-        stops = [
-            (dwell, taken, name)
-            for dwell, taken, name in self._named[first:-1]
-            if name is not None
-        ]
-        if not stops:
+        stands = self._named[first:-1]
+        again = next((name for *_, name in stands if name is not None), None)
+        if again is None:
             return []
-        outcomes: list[Outcome] = [walk.begin_anew(stops[0][2])]
-        self._before = (Break(stops[0][0].from_ns, BEGUN_ANEW),)
-        for dwell, taken, name in stops:
-            self._place(walk, name, dwell, taken, outcomes)
-        return outcomes
+        return self._place_again(walk, stands, walk.begin_anew(again))
 
     def name_from_second(self, walk: Walk) -> list[Outcome]:
         """Assign the standstills of a pass again, from its second stop on: the first is missing."""
         self._named = [(*stand[:2], at) for at, stand in enumerate(self._named, 1)]
         walk.begin_anew(1)
-        outcomes: list[Outcome] = [walk.finding("error", 0, message("stop-lost.first"))]
-        self._before = (Break(self._named[0][0].from_ns, BEGUN_ANEW),)
-        for at, (dwell, taken, _) in enumerate(self._named, 1):
-            self._place(walk, at, dwell, taken, outcomes)
+        why = walk.finding("error", 0, message("stop-lost.first"))
+        return self._place_again(walk, self._named, why)
+
+    def _place_again(
+        self, walk: Walk, stands: Sequence[Named], why: Finding
+    ) -> list[Outcome]:
+        """Place the named ones of standstills again; return the finding that states the reason, and
+        the outcomes.
+        """
+        outcomes: list[Outcome] = [why]
+        stops = [(dwell, taken, name) for dwell, taken, name in stands if name is not None]
+        self._before = (Break(stops[0][0].from_ns, BEGUN_ANEW),)
+        for dwell, taken, name in stops:
+            self._place(walk, name, dwell, taken, outcomes)
         return outcomes
 
     def _place(
@@ -381,6 +394,7 @@ class StopTaker:
             unwatched = unwatched or message("reading-of-pieces")
         stop = msgspec.structs.replace(stop, broken=broken, unwatched=unwatched)
         outcomes.append(stop)
+        self._stops.append(stop)
         walk.advance(stop)
 
     def _breaks_up_to(self, time_ns: int) -> tuple[Words, Words]:
@@ -442,30 +456,31 @@ def _bridged_break(walk: Walk, index: int, broken: Words, unwatched: Words) -> F
     return walk.finding("info", index, words)
 
 
-def _share_turn(
-    walk: Walk, turn: CapturedStop, stop_count: int | None, outcomes: list[Outcome]
-) -> None:
-    """Begin a pass with the last stop of the previous pass: the same reading of the same moment."""
+def _shared_turn(walk: Walk, turn: CapturedStop, stop_count: int | None) -> CapturedStop:
+    """Return the first stop of a pass that begins with the last stop of the previous pass: the same
+    reading of the same moment.
+    """
     place = {
         "setup": walk.route.setup,
         "outward": walk.route.outward,
         "stop": 0,
         "axis": "",
         "stop_count": stop_count,
+        "order": walk.route.order,
     }
     stop = msgspec.structs.replace(turn, **place, broken="", unwatched="", turned=True)
-    outcomes.append(stop)
     walk.advance(stop)
+    return stop
 
 
 class PositionCheck:
-    """Compares stop by stop and reports new differences once a pass. The machine's statement
-    decides; the readings support it.
+    """Compares positions stop by stop, and reports differences once a pass: the first, and the
+    first beyond `PLACED_MM`. The machine's statement decides; the readings support it.
     """
 
     def __init__(self, signals: SignalMap) -> None:
         self._signals = signals
-        self._reported_mm: defaultdict[str, float] = defaultdict(float)
+        self._reported: Severity | None = None
 
     def judge(self, walk: Walk, stop: int, signals: Signals) -> list[Finding]:
         """Return the finding of the commanded position at a stop; none where the register cannot
@@ -480,15 +495,17 @@ class PositionCheck:
             if abs(here - plan) > self._resolution_mm(axis, plan)
         ]
         worst = max(beyond, default=None)
-        if worst is None or worst[0] <= AGAIN * self._reported_mm[walk.name]:
+        if worst is None:
             return []
         off_mm, axis, here, plan = worst
-        self._reported_mm[walk.name] = off_mm
+        severity: Severity = "info" if off_mm <= PLACED_MM else "warning"
+        if self._reported in (severity, "warning"):
+            return []
+        self._reported = severity
         off_um = (here - plan) * 1e3
         words = message(
             "position-differs", axis=axis.upper(), at_mm=here, planned_mm=plan, off_um=off_um
         )
-        severity: Severity = "info" if off_mm <= PLACED_MM else "warning"
         return [walk.finding(severity, stop, words)]
 
     def _resolution_mm(self, axis: str, value_mm: float) -> float:
@@ -527,6 +544,7 @@ def make_stop(
         stop=stop,
         position_mm=signals.commanded_mm or route.planned_mm(stop),
         axis=route.axis_to(stop),
+        order=route.order,
         stop_count=signals.stop_count,
         reading_mm=taken.window.mean_mm if math.isfinite(taken.window.mean_mm) else None,
         u_um=taken.window.u_um,

@@ -123,6 +123,7 @@ _STOP = {
     "refused": TEXT,
     "recovered": FLAG,
     "turned": FLAG,
+    "order": TEXT,
     "channels": NUMBERS,
     "u_channels": NUMBERS,
     "material_temperature_c": NUMBER,

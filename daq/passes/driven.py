@@ -5,7 +5,7 @@ the remedies.
 from collections.abc import Sequence
 from dataclasses import InitVar, dataclass, field
 
-from stepdiag.base.messages import Message, Way, Words, message, run
+from stepdiag.base.messages import Message, Way, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.naming.route import Route
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
@@ -63,11 +63,11 @@ class Pass:
 
     @property
     def way(self) -> Way:
-        return "out" if self.route.outward else "back"
+        return self.route.way
 
     @property
     def run(self) -> Message:
-        return run(self.route.setup, self.way)
+        return self.route.run
 
     @property
     def place(self) -> str:

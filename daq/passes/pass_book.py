@@ -1,5 +1,6 @@
 """All passes of a survey."""
 
+import itertools
 import math
 from collections.abc import Iterable
 
@@ -10,7 +11,7 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
-from stepdiag.daq.capture.naming.route import Route, route_of
+from stepdiag.daq.capture.naming.route import Route, route_of, shared
 from stepdiag.daq.capture.remarks.remarks import credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare, may_hide_um
@@ -224,8 +225,11 @@ class PassBook:
         wall_offset_ns: int = 0,
         breaks: tuple[Break, ...] = (),
         beyond: bool | None = None,
+        anew: bool = True,
     ) -> CaptureStart:
-        """Return the state of the survey for the capture of a new log."""
+        """Return the state of the survey that the capture of a new log needs. ``anew``: whether the
+        machine's program may have begun anew since the last log.
+        """
         following = self.next_setup()
         names = self._survey.plan.all_setups
         ordered = (
@@ -233,7 +237,7 @@ class PassBook:
             if following
             else list(names)
         )
-        hints = {name: self._hint(name) for name in ordered}
+        hints = {name: self._hint(name, anew=anew) for name in ordered}
         return CaptureStart(
             hints=hints,
             wall_offset_ns=wall_offset_ns,
@@ -244,16 +248,59 @@ class PassBook:
             beyond=beyond,
         )
 
-    def _hint(self, setup: str) -> PassHint:
-        numbers = (self._next(setup, outward=True), self._next(setup, outward=False))
-        return replace(self._standing(setup), numbers=numbers)
+    def _hint(self, setup: str, *, anew: bool) -> PassHint:
+        hint, driven = self._standing(setup), self.driven
+        out, back = self._next(setup, outward=True), self._next(setup, outward=False)
+        if driven is None or driven.route.setup != setup:
+            others = self._others(setup, (out, back), anew=anew)
+            return replace(hint, numbers=(out, back), others=others)
+        if hint.next_stop and driven.route.outward:
+            out = driven.number
+        elif hint.next_stop:
+            back = driven.number
+        elif driven.route.outward:  # a way back has the order of the way out before it
+            back = self._next(setup, driven.route.order, outward=False)
+        known, before = hint.known, self._way_out(setup, driven.number)
+        for number in (out, back):
+            known = shared(known, before, self._way_out(setup, number))
+        others = self._others(setup, (out, back), anew=anew)
+        return replace(hint, numbers=(out, back), others=others, known=known)
 
-    def _next(self, setup: str, *, outward: bool) -> int:
-        found = self._find(setup, outward=outward)
+    def _others(self, setup: str, numbers: tuple[int, int], *, anew: bool) -> tuple[int, ...]:
+        """Return the numbers of passes with other orders of the axes that may come instead of the
+        next passes: an open pass, the first pass of a program that may begin ``anew``, and in the
+        program the pass after a pass with the driven order.
+        """
+        orders = [route_of(self._planned, setup, number).order for number in numbers]
+        may = [*self.open_passes(setup), *([1] if anew else [])]
+        if self.driven is not None and self.driven.route.setup == setup:
+            driven = self.driven.route.order
+            may += [
+                number + 2
+                for number in self.wanted()
+                if route_of(self._planned, setup, number).order == driven
+            ]
+        others: dict[tuple[bool, str], int] = {}
+        for each in may:
+            route = route_of(self._planned, setup, each)
+            if route.order != orders[0 if route.outward else 1]:
+                number = self._next(setup, route.order, outward=route.outward)
+                others[route.outward, route.order] = number
+        return tuple(others.values())
+
+    def _way_out(self, setup: str, number: int) -> Route:
+        """Return the route of the way out with the order of a pass."""
+        return route_of(self._planned, setup, number - 1 + number % 2)
+
+    def _next(self, setup: str, order: str = "", *, outward: bool) -> int:
+        """Return the number of the pass to which a stop of a setup, driven in the given direction,
+        would belong. ``order``: the order of the axes; empty for any.
+        """
+        found = self._find(setup, order, outward=outward)
         return (
             found.number
             if found is not None and not found.complete
-            else self._after(setup, outward=outward)
+            else self._after(setup, order, outward=outward)
         )
 
     def _standing(self, setup: str) -> PassHint:
@@ -262,7 +309,7 @@ class PassBook:
         last = self.last
         if last is None or last.setup != setup:
             return PassHint(wanted=wanted, outward=outward)
-        current, known = self._find(setup, outward=last.outward), dict(self._known)
+        current, known = self.driven, dict(self._known)
         if _believed_only(last):
             over = last.stop == self.last_stop(last)
             return PassHint(
@@ -330,12 +377,13 @@ class PassBook:
             and (last.setup, last.outward) == (stop.setup, stop.outward)
             and stop.stop >= last.stop
             and self.driven
+            and stop.order in ("", self.driven.route.order)
         ):
             return self.driven
-        found = self._find(stop.setup, outward=stop.outward)
+        found = self._find(stop.setup, stop.order, outward=stop.outward)
         if found is not None and not found.complete:
             return found
-        number = self._after(stop.setup, outward=stop.outward)
+        number = self._after(stop.setup, stop.order, outward=stop.outward)
         fresh = Pass(
             route_of(self._planned, stop.setup, number),
             number,
@@ -346,26 +394,39 @@ class PassBook:
         self.passes.append(fresh)
         return fresh
 
-    def _find(self, setup: str, *, outward: bool) -> Pass | None:
-        same = [each for each in self.of(setup) if each.route.outward == outward]
+    def _find(self, setup: str, order: str = "", *, outward: bool) -> Pass | None:
+        """Return the first incomplete pass of a setup in a direction, else the last one; None
+        without a pass. ``order``: the order of its axes; empty for any.
+        """
+        same = [
+            each
+            for each in self.of(setup)
+            if each.route.outward == outward and order in ("", each.route.order)
+        ]
         return next((each for each in same if not each.complete), same[-1] if same else None)
 
     def number_of(self, route: Route) -> int:
         driven = self.driven
         if (
             driven is not None
-            and (driven.route.setup, driven.route.outward) == (route.setup, route.outward)
+            and (driven.route.setup, driven.route.outward, driven.route.order)
+            == (route.setup, route.outward, route.order)
             and not driven.complete
         ):
             return driven.number
-        return self._next(route.setup, outward=route.outward)
+        return self._next(route.setup, route.order, outward=route.outward)
 
-    def _after(self, setup: str, *, outward: bool) -> int:
+    def _after(self, setup: str, order: str = "", *, outward: bool) -> int:
         """Return the number of a new pass: odd outward, even back. Without return passes, the
-        numbers are 1, 3, 5.
+        numbers are 1, 3, 5. ``order``: the order of its axes; empty for any.
         """
-        same = sum(1 for each in self.of(setup) if each.route.outward == outward)
-        return 2 * same + (1 if outward else 2)
+        taken = {each.number for each in self.of(setup)}
+        return next(
+            number
+            for number in itertools.count(1 if outward else 2, 2)
+            if number not in taken
+            and order in ("", route_of(self._planned, setup, number).order)
+        )
 
 
 def _believed_only(stop: CapturedStop) -> bool:

@@ -48,6 +48,15 @@ class Handshake:
             self._written, self._written_ns = stop.stop_count, self._since_ns
             self._tell(stop.stop_count)
 
+    def let_go(self, signals: Signals | None, now_ns: int) -> None:
+        """Answer a machine whose program belongs to a finished survey: no pass needs its stops, and
+        it waits at each of them.
+        """
+        count = signals.stop_count if signals is not None and _waits(signals) else None
+        if count is not None and count != self._written:
+            self._written, self._written_ns = count, now_ns
+            self._tell(count)
+
     def written(self, refused: Words) -> Finding | None:
         """Record why the machine refused a written value (empty: accepted); return the finding of
         the first refusal.

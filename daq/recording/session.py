@@ -130,6 +130,7 @@ class Session:
         self._skip_dwell = False
         self._armed = armed
         self._last_setup: int | None = None
+        self._anew = True
         self._idle_decoder = SignalDecoder(survey.plc.signals, survey.plc.parsed())
         self._left_ns: int | None = None
         self._silent = survey.plc.silent
@@ -211,6 +212,11 @@ class Session:
         captured.
         """
         return self.capture is not None and self.capture.machine_waits
+
+    @property
+    def runs_on(self) -> bool:
+        """Return whether the machine's program belongs to the previous survey, which is over."""
+        return not self._armed
 
     @property
     def samples(self) -> int:
@@ -336,6 +342,7 @@ class Session:
             self._idle[event.link].forget_breaks()
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)
+            self._anew = self._anew or signals.running is False or signals.setup == 0
             if self._standing is not None and not (
                 signals.stopped and same_stop(self._standing, signals)
             ):
@@ -415,7 +422,9 @@ class Session:
             wall_offset_ns=self._stops_offset_ns,
             breaks=breaks,
             beyond=self._beyond,
+            anew=self._anew,
         )
+        self._anew = False
         believed = believed_before(
             self.survey, self._idle_air(), now_ns, self._stops_offset_ns, start.credible
         )

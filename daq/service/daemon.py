@@ -237,6 +237,8 @@ class Daemon:
         session = self._working.session
         if session.machine_waits:
             self._working.survey_links.hurry()
+        if session.runs_on:
+            handshake.let_go(session.signals, block.recv_ns)
         if waits := handshake.look(
             session.signals, block.recv_ns, self.status_source.waits_for
         ):

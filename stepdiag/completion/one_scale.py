@@ -19,7 +19,8 @@ from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, Place, message
 from stepdiag.base.result.result import Result
 from stepdiag.daq.capture.cause.hypotheses import laser_change
-from stepdiag.daq.capture.cause.likelihood import CAUSE, Change
+from stepdiag.daq.capture.cause.likelihood import Change
+from stepdiag.daq.capture.noise import FAULT, ORDINARY
 from stepdiag.daq.survey.models import Survey
 
 TOGETHER_UM_M, TOGETHER_AT_20_C_UM_M, EACH_UM_M = 60.0, 25.0, 30.0
@@ -89,7 +90,7 @@ class _Statement:
     what: Message
     reading: Message
     change: Change
-    odds: float = CAUSE
+    odds: float = FAULT + ORDINARY
 
 
 def _statements(survey: Survey, result: Result) -> Iterator[_Statement]:

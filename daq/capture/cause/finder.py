@@ -10,12 +10,14 @@ import numpy as np
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Place, message
 from stepdiag.daq.capture.cause.hypotheses import Library
-from stepdiag.daq.capture.cause.likelihood import CONFIRMED, SURE, Cause, Evidence, Stand
+from stepdiag.daq.capture.cause.likelihood import Cause, Evidence, Stand
 from stepdiag.daq.capture.log_start import PassHint
 from stepdiag.daq.capture.naming.route import Route, agrees
+from stepdiag.daq.capture.noise import FAILURE, LEAST_SAMPLES, SERIES
 from stepdiag.daq.survey.models import Survey
 
-FIRST, LAST = CONFIRMED + 1, 8
+FIRST, LAST = LEAST_SAMPLES, SERIES
+"""The first and the last standstill of a pass after which a cause is searched."""
 
 HELD = frozenset(
     [
@@ -130,7 +132,7 @@ class CauseFinder:
         rivals = [
             (score, other)
             for score, other in causes[1:]
-            if other.kind != cause.kind and best - score <= SURE
+            if other.kind != cause.kind and best - score <= FAILURE
         ]
         fits = (
             not (cause.changes or rivals or SPOILING & set(self.named))

@@ -11,7 +11,6 @@ from stepdiag.base.names import AXES, SETUP_NUMBERS
 from stepdiag.base.readings.runs import Plan, order_of
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.cause.likelihood import (
-    ALIKE_SIGMAS,
     CONFIRMED,
     EDGE_S,
     LEAST_LATE_S,
@@ -22,7 +21,8 @@ from stepdiag.daq.capture.cause.likelihood import (
     Move,
 )
 from stepdiag.daq.capture.log_start import PassHint
-from stepdiag.daq.capture.naming.route import PLACED_MM, Route, route_of
+from stepdiag.daq.capture.naming.route import Route, route_of
+from stepdiag.daq.capture.noise import PLACED_MM, SIGMAS
 from stepdiag.daq.survey.models import Survey
 
 FACTORS = (25.4, 1 / 25.4, 10.0, 0.1, 2.0, 0.5)
@@ -37,11 +37,11 @@ class Library:
     evidence: Evidence
 
     def plain(self, setup: str | None) -> Iterator[Cause]:
-        """Yield the hypotheses of the unchanged survey file: the next pass out, and the next pass
-        back.
+        """Yield the hypotheses of the unchanged survey file: the next pass out, the next pass back,
+        and the passes with other orders of the axes that may come instead.
         """
-        for outward in (True, False) if setup is not None else ():
-            yield Cause(self._route(setup or "", outward=outward))
+        for number in self._numbers(setup) if setup is not None else ():
+            yield Cause(route_of(self.survey.planned, setup or "", number))
 
     def hypotheses(self, setup: str | None) -> Iterator[Cause]:
         """Yield every cause of a pass of the setup that the signals state."""
@@ -135,7 +135,7 @@ class Library:
             late_s(move)
             for each in self.evidence.stands
             for move in each.moves
-            if abs(off_s(move)) < ALIKE_SIGMAS * move.u_s and abs(late_s(move)) > LEAST_LATE_S
+            if abs(off_s(move)) < SIGMAS * move.u_s and abs(late_s(move)) > LEAST_LATE_S
         )
         groups: list[list[float]] = []
         for value in seen:
@@ -154,7 +154,7 @@ class Library:
         alike: dict[bytes, tuple[list[str], Route]] = {}
         planned = self.survey.planned
         run = planned.run_of(setup)
-        as_stated = order_of(planned, run, self._number(setup))
+        as_stated = {order_of(planned, run, number) for number in self._numbers(setup)}
         # the orders of a plan's repeats have priority over the order of the volume, as in the file
         line, value = (
             ("plan.axis_orders", '["{}"]')
@@ -168,7 +168,7 @@ class Library:
             seen = route.nominal_mm if shown is None else route.stops_mm
             alike.setdefault(np.round(seen, 3).tobytes(), ([], route))[0].append(order)
         for orders, route in alike.values():
-            if as_stated not in orders:
+            if as_stated.isdisjoint(orders):
                 values = " or ".join(map(value.format, orders))
                 yield Cause(
                     route,
@@ -253,10 +253,14 @@ class Library:
             plan or self.survey.planned, setup, self._number(setup, outward=outward)
         )
 
+    def _numbers(self, setup: str) -> tuple[int, ...]:
+        """Return the numbers of the passes that may come next: out, back, and in other orders."""
+        hint = self.hints.get(setup, PassHint())
+        return *hint.numbers, *hint.others
+
     def _number(self, setup: str, *, outward: bool = True) -> int:
         """Return the number of the next pass of a setup."""
-        out, back = self.hints[setup].numbers if setup in self.hints else (1, 2)
-        return out if outward else back
+        return self._numbers(setup)[0 if outward else 1]
 
     def _map_causes(self, route: Route, shown: Matrix) -> Iterator[Cause]:
         """Yield the causes in the map of positions (offset, sign, factor and others), on the route

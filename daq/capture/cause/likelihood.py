@@ -11,39 +11,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message
-from stepdiag.daq.capture.naming.route import PLACED_MM, Route, agrees
-from stepdiag.daq.capture.naming.walk import FAILURE, RANGE_MM, log_normal, noise_mm
+from stepdiag.daq.capture.naming.route import Route, log_likelihood, step_noise_mm
+from stepdiag.daq.capture.noise import (
+    BESIDE_MM,
+    FAILURE,
+    FAULT,
+    LAG_NS,
+    LEAST_SAMPLES,
+    ORDINARY,
+    PLACED_MM,
+    RANGE_MM,
+    SIGMAS,
+)
 from stepdiag.daq.capture.standing.dwell import Dwell
-from stepdiag.daq.capture.standing.window import find_plateaus
+from stepdiag.daq.capture.standing.window import BIN_NS, EDGE_NS, find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.timing.stream import StreamBuffer
 
-OUTLIER = 1e-3
-"""Probability that an observation lies anywhere: one wrong reading must not exclude a
-hypothesis.
-"""
-CAUSE, SURE = 6.0, 7.0
-"""Logarithms of odds: a certain line is wrong in one survey of four hundred, and one of a thousand
-named causes may be a mistake.
-"""
 MOVES = {1: 0.0, 0: FAILURE, 2: FAILURE, 3: FAILURE}
-CONFIRMED = 2
-"""Least number of agreeing steps, or moves, before a cause is named: a single one may agree by
-chance.
+CONFIRMED = LEAST_SAMPLES - 1
+"""Least number of agreeing steps, or moves, before a cause is named: the steps between the fewest
+standstills that show a cause.
 """
-ALIKE_SIGMAS = 4.0
-"""Largest distance, in standard deviations, of a position or time that supports a hypothesis."""
-APART_MM = ALIKE_SIGMAS * PLACED_MM
+APART_MM = SIGMAS * PLACED_MM
+"""A position further from a hypothesis than this does not support the hypothesis."""
 FREE = math.log(RANGE_MM / PLACED_MM)
 ON_TIME = (0.0, 0.0)
-EDGE_S, PLATEAU_S = 0.03, 0.1
-"""Uncertainty of a plateau's edge (its bins, and the time in which a machine comes to rest), and
-least plateau, in s.
-"""
-LEAST_MOVE_MM = 1.0
-"""Least length of a move in mm: shorter moves have no clear edges in time."""
-LEAST_LATE_S, MOST_LATE_S = 0.08, 1.0
-"""Smallest delay in s, above the uncertainty of edge and poll, and largest delay that is
+EDGE_S = BIN_NS * 1e-9
+"""An edge of a plateau is known to its bins."""
+LEAST_LATE_S, MOST_LATE_S = 2 * EDGE_NS * 1e-9, 2 * LAG_NS * 1e-9
+"""Smallest lateness that is more than both edges of a move leave open, and the largest that is
 searched.
 """
 RANGE_S = 2 * MOST_LATE_S
@@ -71,14 +68,14 @@ class Move:
         signals by ``late_s``.
         """
         off = np.array([self.left_s - late_s[0], self.came_s - late_s[1]])
-        return float(np.sum(_log_likelihood(off, np.full(2, self.u_s), RANGE_S)))
+        return float(np.sum(log_likelihood(off, self.u_s, RANGE_S)))
 
     def is_at(self, late_s: tuple[float, float]) -> bool:
         """Return whether both delays of the move fit a laser that is later than the signals by
         ``late_s``.
         """
         off_s = max(abs(self.left_s - late_s[0]), abs(self.came_s - late_s[1]))
-        return off_s < ALIKE_SIGMAS * self.u_s
+        return off_s < SIGMAS * self.u_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,16 +98,19 @@ class Stand:
         return max(self.moves, key=lambda move: move.fits(late_s), default=None)
 
 
-def moves_between(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[Move, ...]:
+def moves_between(
+    laser: StreamBuffer, before: Dwell, dwell: Dwell, least_s: float
+) -> tuple[Move, ...]:
     """Return the laser's possible moves between two consecutive dwells: from each plateau to each
     later plateau.
 
     The times of the signals lie between two polls; the times of the laser are the edges of its
-    plateaus.
+    plateaus. ``least_s`` is the least duration of a plateau: with a longer one the standstills of a
+    hasty machine are missing, and a later move of the same size takes the place of the right one.
     """
     poll_ns = dwell.from_ns - (dwell.not_before_ns or dwell.from_ns)
     span = laser.span(before.from_ns - MOST_LATE_S * 1e9, math.inf)
-    levels = find_plateaus(span.time_ns, span.position_mm, PLATEAU_S)
+    levels = find_plateaus(span.time_ns, span.position_mm, least_s)
     u_s = math.hypot(EDGE_S, poll_ns * 1e-9 / math.sqrt(12))
     moves = (
         Move(
@@ -127,7 +127,7 @@ def moves_between(laser: StreamBuffer, before: Dwell, dwell: Dwell) -> tuple[Mov
         for each in moves
         if abs(each.left_s) < MOST_LATE_S
         and abs(each.came_s) < MOST_LATE_S
-        and abs(each.step_mm) > LEAST_MOVE_MM
+        and abs(each.step_mm) > BESIDE_MM
     )
 
 
@@ -212,10 +212,10 @@ class Evidence:
         the moves, shape (n,). All are computed at once, because the machine waits meanwhile.
         """
         count, shown, steps_mm = len(self), self.shown_mm(), cache(self.steps_mm)
-        scores = np.array([-CAUSE * bool(each.changes) - FREE * each.free for each in causes])
+        scores = np.array([-FAULT * bool(each.changes) - FREE * each.free for each in causes])
         wanted = np.array([each.steps_mm(count) for each in causes])
         off = np.array([steps_mm(each.late_s) for each in causes]) - wanted
-        scores += np.nansum(_log_likelihood(off, noise_mm(wanted)), axis=1)
+        scores += np.nansum(log_likelihood(off, step_noise_mm(wanted)), axis=1)
         if shown is not None:
             apart = shown - np.array([each.shown_mm(count) for each in causes])
             scores += _placed(apart).sum(axis=1)
@@ -231,8 +231,8 @@ class Evidence:
         """
         shown, nominal = self.shown_mm(), route.nominal_mm
         readings = np.array([each.reading_mm for each in self.stands], dtype=np.float64)
-        usual_mm = noise_mm(np.median(np.abs(np.diff(nominal)), keepdims=True))
-        alike = float(_log_likelihood(np.zeros(1), usual_mm)[0])
+        usual_mm = step_noise_mm(np.median(np.abs(np.diff(nominal)), keepdims=True))
+        alike = float(log_likelihood(np.zeros(1), usual_mm)[0])
         here = np.zeros((len(self), len(route)))
         nowhere = np.full(len(self), -FAILURE - math.log(RANGE_MM))
         if shown is not None:
@@ -244,7 +244,7 @@ class Evidence:
             # the machine may have reversed at its first stop; the previous pass then holds this
             # stop's reading
             moves = [
-                (stop, base, stop + on, score - (1.0 if (stop, on) == (-1, 2) else cost))
+                (stop, base, stop + on, score - (ORDINARY if (stop, on) == (-1, 2) else cost))
                 for (stop, base), score in paths.items()
                 for on, cost in MOVES.items()
                 if 0 <= stop + on < len(route)
@@ -253,7 +253,7 @@ class Evidence:
             stop, base, there = (each.astype(np.intp) for each in (stop, base, there))
             before_mm = np.where(base >= 0, readings[base], math.nan)
             wanted = nominal[there] - nominal[stop]
-            stepped = _log_likelihood(reading_mm - before_mm - wanted, noise_mm(wanted))
+            stepped = log_likelihood(reading_mm - before_mm - wanted, step_noise_mm(wanted))
             stepped[np.isnan(stepped)] = alike if number else 0.0
             scores = score + here[number, there] + stepped
             following = {key: on + float(nowhere[number]) for key, on in paths.items()}
@@ -318,29 +318,12 @@ class Evidence:
 
 
 def _agrees(steps: Matrix, wanted: Matrix) -> NDArray[np.bool_]:
-    """Return a mask of the steps that agree with the expected steps, by the rule for single steps
-    (`naming.route.agrees`).
-    """
-    return np.array(
-        [
-            agrees(step, nominal)
-            for step, nominal in zip(steps.tolist(), wanted.tolist(), strict=True)
-        ]
-    )
+    """Return the steps that agree with the expected steps: their difference is noise."""
+    agreeing: NDArray[np.bool_] = np.abs(steps - wanted) <= SIGMAS * step_noise_mm(wanted)
+    return agreeing
 
 
 def _placed(off_mm: Matrix) -> Matrix:
-    """Return the log-likelihood of positions, from their deviations ``off_mm``, shape (..., stops,
-    3).
-    """
-    placed: Matrix = _log_likelihood(off_mm, np.full(3, PLACED_MM)).sum(axis=-1)
+    """Return the logarithm of the likelihood of positions that are off by (..., stops, 3)."""
+    placed: Matrix = log_likelihood(off_mm, PLACED_MM).sum(axis=-1)
     return placed
-
-
-def _log_likelihood(off: Matrix, scatter: Matrix, within: float = RANGE_MM) -> Matrix:
-    """Return the logarithm of the probability density of residuals, which are normal, or outliers
-    anywhere in the range ``within``; NaN for an unknown residual.
-    """
-    normal = np.exp(log_normal(off, scatter))
-    density: Matrix = np.log((1 - OUTLIER) * normal + OUTLIER / within)
-    return density

@@ -1,66 +1,63 @@
 """The most probable path of a pass over its standstills, and its comparison with the laser."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding, Severity, finding
-from stepdiag.base.messages import Message, Place, Way, message, run
+from stepdiag.base.messages import Message, Place, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.naming.route import PLACED_MM, Route, judge_step
-from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, STILL_MM, count_steps
-from stepdiag.daq.capture.standing.window import SIGMAS
+from stepdiag.daq.capture.naming.route import (
+    Route,
+    judge_step,
+    log_likelihood,
+    log_normal,
+    shared,
+    step_noise_mm,
+)
+from stepdiag.daq.capture.noise import (
+    BESIDE_MM,
+    FAILURE,
+    FAULT,
+    ORDINARY,
+    PLACED_MM,
+    RANGE_MM,
+    SIGMAS,
+)
+from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, count_steps
 from stepdiag.daq.formats.signals import Signals
 
-FAULT, HOLD, FAILURE, RARE = 5.0, 6.0, 8.0, 10.0
-"""Costs as logarithms of odds: one standstill in 150 is a missed stop or a restarted program, one
-in 400 a hold, one in 3,000 a failed observation, one in 20,000 a step that the program does not
-plan.
-"""
-BEGIN = 14.0
-"""The cost of a log that does not begin with the first stop of a pass; three stops that agree
-outweigh it.
-"""
-AGAIN, ORDINARY, COUNTED_NOWHERE = 0.3, 1.0, 2.0
-"""Small costs, for: a failure that repeats; a program restarted after the beam was cut; a
-standstill before the first stop of a machine without signals; a counted stop that is no stop of the
-pass.
+BEGIN, RARE = 2 * math.log(RANGE_MM), 2 * FAULT
+"""The costs of a log that does not begin with the first stop of a pass (the two steps of three
+stops that agree outweigh the cost), and of a step that the program does not plan.
 """
 SURE = 2.0
 """Difference of log-likelihood by which the path of a name has to exceed those of all other names
 to make it sure.
 """
-SLIP_MM, RANGE_MM, STEP_SHARE = 0.25, 1000.0, 0.005
-"""Noise of a count that slipped, of a reading without an earlier one to compare, and of a step (as
-a share of its length).
-"""
 KEPT, WITHIN = 12, 25.0
 """Largest number of paths that are followed, and the log-likelihood by which a followed path may
-lie below the best one.
+lie below the best path: the machine waits meanwhile.
 """
-COUNTER_TRUSTED = 1000
-"""A stop counter that increased by more than this was reset: the PLC has restarted."""
 BREAKS_COUNT = {"laser-reset", "step-mismatch"}
 """A step of the wrong size without an explanation is a lost count: the readings after it are right
 again, relative to each other.
 """
 BEGUN_ANEW = message("begun-anew")
 Costs = NDArray[np.float64]
-Names = tuple[int | None, ...]
 Position = tuple[float, float, float] | None
 Known = Mapping[int, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """The observations of a standstill: position in mm, counter, the laser's reading in mm; None
-    for an observation that the machine does not show.
+    """The observations of a standstill; None for what the machine does not show.
 
     ``lost``: the laser's count does not reach back to the standstill before. ``after_mm``: the
-    reading at the end of the standstill if its count was lost within it, else None.
+    reading at the end of the standstill if its count was lost within it.
     """
 
     position_mm: Position = None
@@ -69,16 +66,11 @@ class Look:
     lost: bool = False
     after_mm: float | None = None
 
-    @property
-    def left_mm(self) -> float | None:
-        """Return the reading at the end of the standstill."""
-        return self.reading_mm if self.after_mm is None else self.after_mm
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Path:
-    """A path up to a standstill: its logarithm of probability, its pass as a place in the chain's
-    routes, and its last stop, -1 before the first.
+    """A path up to a standstill: the logarithm of its probability (``score``), the index of its
+    route (``way``), and its last stop (-1 before the first).
 
     ``nowhere``: the machine stands at no stop; ``astray``: the step to the stop is not a step of
     the plan. ``known`` are the readings of stops in the laser's present count, ``left_mm`` is the
@@ -94,12 +86,38 @@ class Path:
     left_mm: float | None = None
     count: int | None = None
     miscounts: bool = False
-    names: Names = ()
+    names: tuple[int | None, ...] = ()
 
     @property
     def name(self) -> int | None:
-        """Return the stop at which the machine stands; None where it stands at no stop."""
         return None if self.nowhere else self.stop
+
+
+OUT, BACK = range(2)
+"""The ways of a setup in the chain's routes."""
+
+
+def beginnings(on: Path, known: Known, stops: int, cost: float) -> tuple[Path, ...]:
+    """Return the path of a pass that goes on; the path of a pass that begins in the other
+    direction at a ``cost``, and whose counter fits by chance; and the paths over the end of the
+    pass, whose stops before the turn, once or twice counted, have negative numbers.
+
+    ``known`` are the readings of the present count, by stop of the outward route.
+    """
+    counts = on.stop >= 0 and on.count is not None
+    levels = known, {stops - 1 - stop: reading for stop, reading in known.items()}
+    other = Path(
+        score=-cost - FAILURE * counts,
+        way=1 - on.way,
+        known=levels[1 - on.way],
+        count=on.count,
+    )
+    over = (
+        replace(other, score=0.0, stop=stop)
+        for stop in (on.stop - stops, on.stop - stops + 1)
+        if counts and stop < -1
+    )
+    return replace(on, known=levels[on.way]), other, *over
 
 
 class Chain:
@@ -115,15 +133,11 @@ class Chain:
     ) -> None:
         self._routes = routes
         self._signalled = signalled
-        self._steps_mm = [
-            np.unique(np.round(np.abs(np.diff(route.nominal_mm)), 3)) for route in routes
-        ]
         self._paths = list(begins)
         self.margin = math.inf
 
     @property
     def best(self) -> Path:
-        """Return the most probable path."""
         return self._paths[0]
 
     def take(self, look: Look) -> Path:
@@ -136,24 +150,26 @@ class Chain:
                     best[key] = on
         paths = sorted(best.values(), key=lambda path: -path.score)[:KEPT]
         first = paths[0]
-        self._paths = [path for path in paths if first.score - path.score < WITHIN]
         others = (
             path.score for path in paths if (path.way, path.name) != (first.way, first.name)
         )
         self.margin = first.score - max(others, default=-math.inf)
-        return first
+        self._paths = [
+            replace(path, count=look.count, names=(*path.names, path.name))
+            for path in paths
+            if first.score - path.score < WITHIN
+        ]
+        return self.best
 
     def _following(self, path: Path, look: Look) -> Iterator[Path]:
-        """Yield the extensions of a path: to the probable stops, to the next stop by a step outside
-        the plan, and to no stop.
-        """
+        """Yield the extensions of a path."""
         route = self._routes[path.way]
         if look.lost:
             path = replace(path, known={}, left_mm=None, names=())
-        counted, counted_nowhere = _counted(path, look, len(route))
-        score = path.score - _moves(path, len(route), lost=look.lost) - counted
+        move, counted, counted_nowhere = _costs(path, look, len(route))
+        score = path.score - move - counted
         idle = BEGIN if self._signalled else ORDINARY
-        nowhere = path.score - (HOLD if path.stop >= 0 else idle) - counted_nowhere
+        nowhere = path.score - (idle if path.stop == -1 else FAULT) - counted_nowhere
         fits = np.ones(len(route), dtype=bool)
         if look.position_mm is not None:
             score[~route.beside(look.position_mm)] = -math.inf
@@ -162,87 +178,62 @@ class Chain:
             read, fits = _reading_likelihood(path.known, path.stop, route, look.reading_mm)
             score += read
             nowhere -= math.log(RANGE_MM)
+        left_mm = look.reading_mm if look.after_mm is None else look.after_mm
+        at = replace(path, nowhere=False, astray=False, left_mm=left_mm)
         for stop in np.flatnonzero(score > max(score.max() - WITHIN, -1e9)).tolist():
-            known = path.known if fits[stop] else {}
-            if look.after_mm is not None:
-                known = {stop: look.after_mm}
-            elif look.reading_mm is not None:
-                known = {**known, stop: look.reading_mm}
-            yield replace(
-                _extended(path, look, stop, float(score[stop]), bool(counted[stop])),
-                known=known,
-            )
-        yield replace(
-            path, score=nowhere, nowhere=True, count=look.count, names=(*path.names, None)
-        )
+            before = path.known if fits[stop] and look.after_mm is None else {}
+            known = before if left_mm is None else {**before, stop: left_mm}
+            to = float(score[stop])
+            yield replace(at, score=to, stop=stop, known=known, miscounts=bool(counted[stop]))
+        yield replace(path, score=nowhere, nowhere=True)
         if self._signalled and look.position_mm is None:
-            yield from self._astray(path, look, counted)
-
-    def _astray(self, path: Path, look: Look, counted: Costs) -> Iterator[Path]:
-        """Yield the path to the next stop by the step of another axis, or by a step in the wrong
-        direction. A program that leaves the plan once is outside the plan all along.
-        """
-        stop, steps_mm = path.stop + 1, self._steps_mm[path.way]
-        if look.reading_mm is None or path.left_mm is None or not 0 < stop < len(counted):
-            return
-        off = np.abs(look.reading_mm - path.left_mm) - steps_mm
-        alike = float(np.logaddexp.reduce(log_normal(off, noise_mm(steps_mm))))
-        cost = AGAIN if path.astray else RARE + math.log(2 * len(off))
-        score = path.score - cost - float(counted[stop]) + alike
-        yield replace(_extended(path, look, stop, score, bool(counted[stop])), astray=True)
+            yield from _astray(path, at, look, counted, np.diff(route.nominal_mm))
 
 
-def _extended(path: Path, look: Look, stop: int, score: float, miscounts: bool) -> Path:
-    """Return the extension of a path to a stop."""
-    return replace(
-        path,
-        score=score,
-        stop=stop,
-        nowhere=False,
-        astray=False,
-        left_mm=look.left_mm,
-        count=look.count,
-        miscounts=miscounts,
-        names=(*path.names, stop),
-    )
-
-
-def _moves(path: Path, stops: int, *, lost: bool) -> Costs:
-    """Return the cost of every move from the last stop of a path, shape (stops,)."""
-    to = np.arange(stops)
-    cost: Costs = np.where(to > path.stop, FAULT * (to - path.stop - 1.0), RARE)
-    if path.stop < 0:
-        cost[1:] += BEGIN - FAULT
-        cost[[stop for stop in path.known if stop > 0]] = RARE
-        return cost
-    cost[path.stop] = FAILURE
-    if path.stop > 0:
-        cost[0] = ORDINARY if lost else FAULT
-    cost[-1] = min(cost[-1], FAULT)  # the program of the other direction begins there
-    return cost
-
-
-def _counted(path: Path, look: Look, stops: int) -> tuple[Costs, float]:
-    """Return the cost of the counter at every stop, shape (stops,), and nowhere."""
-    if look.count is None or path.count is None or (path.stop < 0 and not path.nowhere):
-        return np.zeros(stops), 0.0  # between two logs the counter may increase by any number
-    steps, to = count_steps(path.count, look.count), np.arange(stops)
-    right = (steps == np.where(to > path.stop, to - path.stop, 1)) | (
-        (to == path.stop) & (steps == 0)
-    )
-    wrong = AGAIN if path.miscounts else FAILURE
-    return np.where(right, 0.0, wrong), 0.0 if steps == 0 else min(wrong, COUNTED_NOWHERE)
-
-
-def stop_reading(route: Route, known: Known, reading_mm: float | None) -> int | None:
-    """Return the stop with a given reading, by the known readings of stops; None if two stops have
-    equal readings.
+def _astray(
+    path: Path, at: Path, look: Look, counted: Costs, planned_mm: Costs
+) -> Iterator[Path]:
+    """Yield the path to the next stop by the step of another axis, or by a step in the wrong
+    direction. A program that leaves the plan once is outside the plan all along.
     """
-    if reading_mm is None or not known:
-        return None
-    read, fits = _reading_likelihood(known, -1, route, reading_mm)
-    second, best = np.argsort(read)[-2:].tolist()
-    return best if fits[best] and read[best] - read[second] >= ORDINARY else None
+    stop, steps_mm = path.stop + 1, np.unique(np.round(np.abs(planned_mm), 3))
+    if look.reading_mm is None or path.left_mm is None or not 0 < stop < len(counted):
+        return
+    off = np.abs(look.reading_mm - path.left_mm) - steps_mm
+    alike = float(np.logaddexp.reduce(log_normal(off, step_noise_mm(steps_mm))))
+    cost = 0.0 if path.astray else RARE + math.log(2 * len(off))
+    score = path.score - cost - float(counted[stop]) + alike
+    yield replace(at, score=score, stop=stop, astray=True, miscounts=bool(counted[stop]))
+
+
+def _costs(path: Path, look: Look, stops: int) -> tuple[Costs, Costs, float]:
+    """Return the cost of the move to every stop, and the cost of the counter there, each of shape
+    (stops,), and the cost of the counter for a standstill at no stop.
+
+    Missed stops are a single fault; their number is any, unless the counter shows it.
+    """
+    unseen, wrong = np.arange(stops) - path.stop - 1, ORDINARY if path.miscounts else FAILURE
+    shown, counted, counted_nowhere = np.zeros(stops, dtype=bool), np.zeros(stops), 0.0
+    between_logs = (
+        path.stop == -1 and not path.nowhere
+    )  # the counter may increase by any number
+    if look.count is not None and path.count is not None and not between_logs:
+        steps = count_steps(path.count, look.count)
+        shown = (steps == np.maximum(unseen + 1, 1)) | ((steps == 0) & (unseen == -1))
+        counted, counted_nowhere = np.where(shown, 0.0, wrong), wrong * (steps != 0)
+    missed = FAULT + np.where(shown, 0.0, np.log(np.maximum(unseen, 1)))
+    move: Costs = np.where(unseen > 0, missed, np.where(unseen < 0, RARE, 0.0))
+    if path.stop < -1:  # the counter alone shows that the machine has turned unseen
+        move = np.where(shown, FAULT + ORDINARY, math.inf)
+    elif path.stop < 0:
+        move[1:] += BEGIN - FAULT
+        move[[stop for stop in path.known if stop > 0]] = RARE
+    else:
+        move[path.stop] = FAILURE
+        if path.stop > 0:
+            move[0] = ORDINARY if look.lost else FAULT
+        move[-1] = min(move[-1], FAULT)  # the program of the other direction begins there
+    return move, counted, counted_nowhere
 
 
 def _reading_likelihood(
@@ -257,184 +248,132 @@ def _reading_likelihood(
     anchor = np.where(np.isin(to, stops) | (last_stop not in known), nearest, last_stop)
     way_mm = route.nominal_mm - route.nominal_mm[anchor]
     off = reading_mm - np.array([known[int(stop)] for stop in anchor]) - way_mm
-    noise = noise_mm(way_mm)
-    slipped = np.logaddexp(log_normal(off, SLIP_MM), -math.log(RANGE_MM)) - FAILURE
-    return np.logaddexp(log_normal(off, noise), slipped), np.abs(off) < SIGMAS * noise
+    noise = step_noise_mm(way_mm)
+    slipped = log_normal(off, BESIDE_MM) - FAILURE
+    read = np.logaddexp(log_likelihood(off, noise), slipped)
+    return read, np.abs(off) < SIGMAS * noise
 
 
-def noise_mm(way_mm: NDArray[np.floating]) -> Costs:
-    """Return the noise of a step of the laser."""
-    noise: Costs = 0.5 * STILL_MM + STEP_SHARE * np.abs(way_mm)
-    return noise
-
-
-def log_normal(off: Costs, scale: float | Costs) -> Costs:
-    """Return the logarithm of a normal density."""
-    density: Costs = -0.5 * (off / scale) ** 2 - np.log(scale * math.sqrt(2 * math.pi))
-    return density
+def _other_orders(begin: Path, routes: tuple[Route, ...]) -> Iterator[Path]:
+    """Yield the path of a pass that begins in the same direction on a route with another order of
+    the axes: a program driven anew begins with its own first order, whichever pass is missing.
+    """
+    expected, counts = routes[begin.way], begin.stop >= 0 and begin.count is not None
+    for way, route in enumerate(routes):
+        if route.outward == expected.outward and route.order != expected.order:
+            known = shared(begin.known, expected, route)
+            score = -FAULT - FAILURE * counts
+            yield replace(begin, score=score, way=way, stop=-1, known=known)
 
 
 class Walk:
-    """Follows a pass stop by stop. ``expected`` is the index of the stop that comes next."""
+    """Follows a pass stop by stop. ``expected`` is the index of the stop that comes next, ``last``
+    the last captured stop, ``turn`` the last stop of the pass before, where the machine reversed.
+
+    ``apart`` is the reason why the earlier stops have another count, without an event of the laser;
+    ``unsure`` is the reason why the name of the stop is uncertain. The standstills decide between
+    the orders of the axes, so `locate` may change ``route``: the stops before it are then at the
+    same places.
+    """
 
     def __init__(
         self,
-        route: Route,
-        expected: int,
-        last_count: int | None,
-        last_reading_mm: float | None,
-        known: Known | None = None,
+        routes: tuple[Route, ...],
+        begin: Path,
+        turn: CapturedStop | None = None,
+        apart: Message | None = None,
     ) -> None:
-        self.route = route
-        begin = Path(
-            stop=expected - 1,
-            known=dict(known or {}),
-            count=last_count,
-            left_mm=last_reading_mm,
-        )
-        self.chain = Chain((route,), begin)
-        self.apart: Message | None = None
-        """Reason why the count of the earlier stops differs from the count at the first stop,
-        without an event of the laser.
-        """
-        self._stuck_reported = False
+        self.route = routes[begin.way]
+        self._routes = routes
+        self.chain = Chain(routes, begin, *_other_orders(begin, routes))
+        self.turn = turn
+        self.apart = apart
         self.unsure: Message | None = None
-        """Reason why the name of the stop is uncertain; None if the next best path is much less
-        probable.
-        """
-        self.expected = expected
+        self.expected = begin.stop + 1
         self.last: CapturedStop | None = None
-        self._last_stop = expected - 1
-        self._last_count = last_count
-        self._last_reading_mm = last_reading_mm
-
-    @property
-    def name(self) -> str:
-        """Return the pass in words."""
-        return f"{self.route.setup} {'out' if self.route.outward else 'back'}"
-
-    @property
-    def way(self) -> Way:
-        """Return the direction of the pass."""
-        return "out" if self.route.outward else "back"
+        self._read = begin
+        """The path to the last stop that has a reading, and the last count."""
+        self._stuck_reported = False
 
     def at(self, what: Message) -> Message:
-        """Return a message that begins with the name of the pass."""
-        return message("in-run", run=run(self.route.setup, self.way), what=what)
+        return message("in-run", run=self.route.run, what=what)
 
     @property
     def started(self) -> bool:
-        """Return whether a stop of the pass has a reading: before the first reading the beam is
-        blocked and the mirror is aligned as a matter of course.
-        """
-        return self._last_reading_mm is not None
+        """Return whether a stop has a reading: before, the beam is blocked to align the mirror."""
+        return self._read.left_mm is not None
 
     @property
     def ended(self) -> bool:
-        """Return whether the last stop of the route is past."""
         return self.expected >= len(self.route)
 
     def is_bounce(self, signals: Signals) -> bool:
         """Return whether a dwell is the captured one: the same count at the same place."""
-        if (
-            signals.stop_count is None
-            or signals.stop_count != self._last_count
-            or self.expected == 0
-        ):
-            return False
-        return (
-            signals.commanded_mm is None
-            or self.route.find(signals.commanded_mm, self._last_stop) == self._last_stop
+        place, stop = signals.commanded_mm, self._read.stop
+        return self._steps(signals.stop_count) == 0 and (
+            place is None or self.route.find(place, stop) == stop
         )
 
-    def locate(
-        self,
-        signals: Signals,
-        reading_mm: float | None,
-        after_mm: float | None = None,
-        *,
-        lost: bool,
-    ) -> tuple[int | None, Names, list[Finding]]:
-        """Return the stop of a standstill (None for no stop), the names of all standstills of this
-        count, and the findings.
-
-        ``reading_mm`` is the laser's reading, None without a reading; ``after_mm`` is the reading
-        at the end of the standstill if the count was lost within it;
-        ``lost``: the count does not reach back.
-        """
-        by_count, odd = self._by_count(signals.stop_count)
-        placed = signals.commanded_mm is not None
-        by_count = by_count if placed else min(by_count, len(self.route) - 1)
-        counted = self._steps(signals.stop_count)
-        before = {} if lost else self.chain.best.known
-        path = self.chain.take(
-            Look(signals.commanded_mm, signals.stop_count, reading_mm, lost, after_mm)
-        )
+    def locate(self, look: Look) -> tuple[Path, list[Finding]]:
+        """Return the path to a standstill, and the findings."""
+        placed = look.position_mm is not None
+        read_before = not look.lost and bool(self.chain.best.known)
+        path = self.chain.take(look)
         self.unsure = message("place-unknown") if self.chain.margin < SURE else None
+        steps, (by_count, odd) = self._steps(look.count), self._by_count(look.count)
         if path.name is None:
-            return (
-                None,
-                path.names,
-                [*(odd if placed else []), self._nowhere(signals.commanded_mm)],
-            )
-        if self.expected == 0 and not placed and before and len(path.known) == 1:
+            return path, [*(odd if placed else []), self._nowhere(look.position_mm)]
+        self.route = self._routes[path.way]
+        if self.expected == 0 and not placed and read_before and len(path.known) == 1:
             self.apart = message("reads-no-stop")
-        if counted == 0 and path.stop == self._last_stop:
-            return path.stop, path.names, odd
-        again = path.stop < self.expected
-        if path.stop != by_count and counted is not None and not (again and placed):
-            odd.append(self._miscounted(path.stop, by_count, signals.commanded_mm))
-        if again:
-            odd.append(self._again(path.stop, signals.commanded_mm))
-        return path.stop, path.names, odd
+        if steps != 0 or path.stop != self._read.stop:
+            by_count = by_count if placed else min(by_count, len(self.route) - 1)
+            miscounted = steps is not None and path.stop != by_count
+            odd += self._elsewhere(
+                path.stop, look.position_mm, by_count if miscounted else None
+            )
+        return path, odd
 
     def _nowhere(self, position_mm: Position) -> Finding:
         """Return the finding of a standstill where no stop is."""
         stop = min(self.expected, len(self.route) - 1)
         if position_mm is None:
             return self.finding("warning", stop, message("between-stops.no-reading"))
-        wanted = _position_words(self.route.planned_mm(stop))
         words = message(
             "unexpected-position",
             at=_position_words(position_mm),
-            name=run(self.route.setup, self.way),
-            wanted=wanted,
+            name=self.route.run,
+            wanted=_position_words(self.route.planned_mm(stop)),
         )
         return self.finding("error", self.expected, words)
 
-    def _again(self, stop: int, position_mm: Position) -> Finding:
-        """Return the finding of a stop that is measured again."""
-        if position_mm is None:
-            return self.finding("info", stop, message("stop-again.by-laser"))
-        words = message("stop-again.by-position", at=_position_words(position_mm))
-        return self.finding("info", stop, words)
-
-    def _miscounted(self, stop: int, by_count: int, position_mm: Position) -> Finding:
-        """Return the finding of a counter that names another stop."""
-        if position_mm is None:
-            return self.finding(
-                "warning",
-                stop,
-                message("count-disagrees.with-laser", counted=by_count, named=stop),
+    def _elsewhere(
+        self, stop: int, position_mm: Position, counted: int | None
+    ) -> Iterator[Finding]:
+        """Yield the findings of a stop at which the counter names another, or measured again."""
+        again, at = stop < self.expected, _position_words(position_mm or ())
+        if counted is not None and not (again and at):
+            words = (
+                message("count-disagrees.with-position", counted=counted, at=at, named=stop)
+                if at
+                else message("count-disagrees.with-laser", counted=counted, named=stop)
             )
-        words = message(
-            "count-disagrees.with-position",
-            counted=by_count,
-            at=_position_words(position_mm),
-            named=stop,
-        )
-        return self.finding("warning", stop, words)
+            yield self.finding("warning", stop, words)
+        if again:
+            words = (
+                message("stop-again.by-position", at=at)
+                if at
+                else message("stop-again.by-laser")
+            )
+            yield self.finding("info", stop, words)
 
     def begin_anew(self, stop: int) -> Finding:
-        """Go back to the state before a stop: its name and the names after it have changed. Return
-        the finding.
-        """
-        self.expected, self._last_stop = stop, stop - 1
-        self.last = self._last_reading_mm = self.unsure = None
+        """Go back to the state before a stop whose name has changed. Return the finding."""
+        self.expected, self.last, self.unsure = stop, None, None
+        self._read = replace(self._read, stop=stop - 1, left_mm=None)
         return self.begun_anew(stop)
 
     def begun_anew(self, stop: int) -> Finding:
-        """Return the finding of a pass that was restarted at a stop."""
         return self.finding("info", stop, message("stop-again.begun-anew"))
 
     def counts_on(self, signals: Signals) -> bool:
@@ -443,79 +382,64 @@ class Walk:
 
     def _steps(self, count: int | None) -> int | None:
         """Return the increase of the counter since the last stop; None without evidence."""
-        if count is None or self._last_count is None or self.expected == 0:
+        if count is None or self._read.count is None or self.expected == 0:
             return None
-        return count_steps(self._last_count, count)
+        return count_steps(self._read.count, count)
 
     def judge(self, index: int, reading_mm: float) -> Message | None:
-        """Return the fault of a reading at a stop, judged by the step from the previous stop; None
-        without a fault.
-        """
-        if self._last_reading_mm is None or index == self._last_stop:
+        """Return the fault of the step from the previous stop; None without a fault."""
+        stop, before_mm = self._read.stop, self._read.left_mm
+        if before_mm is None or index == stop:
             return None
-        return judge_step(
-            self.route, self._last_stop, index, reading_mm - self._last_reading_mm, reading_mm
-        )
+        return judge_step(self.route, stop, index, reading_mm - before_mm, reading_mm)
 
     def expected_reading_mm(self, index: int) -> float | None:
-        """Return the reading that the geometry predicts at a stop from the previous stop; None
-        before the first stop.
-        """
-        if self._last_reading_mm is None or self._last_stop < 0:
-            return None
-        return self._last_reading_mm + self.route.step_mm(self._last_stop, index)
+        """Return the reading by the geometry from the previous stop; None before the first."""
+        before_mm = self._read.left_mm
+        return (
+            None
+            if before_mm is None
+            else before_mm + self.route.step_mm(self._read.stop, index)
+        )
 
     def advance(self, stop: CapturedStop) -> None:
-        """Go on past a stop."""
         self.skip(stop.stop, stop.stop_count)
         self.last = stop
-        self._last_stop = stop.stop
-        self._last_reading_mm = stop.reading_mm
+        self._read = replace(self._read, stop=stop.stop, left_mm=stop.reading_mm)
 
     def skip(self, index: int, count: int | None) -> None:
         """Go on past a stop without a reading."""
         self.expected = index + 1
-        self._last_count = count
+        self._read = replace(self._read, count=count)
 
     def finding(
         self, severity: Severity, stop: int, words: Message, code: str = ""
     ) -> Finding:
         """Return the finding of a message at a stop of the pass; a phrase needs its ``code``."""
-        return finding(
-            severity,
-            words,
-            Place(setup=self.route.setup, way=self.way, stop=stop, last=len(self.route) - 1),
-            code=code,
+        place = Place(
+            setup=self.route.setup, way=self.route.way, stop=stop, last=len(self.route) - 1
         )
-
-    def _stuck(self, count: int) -> list[Finding]:
-        """Return the finding of a stop without a new count, once a pass."""
-        reported, self._stuck_reported = self._stuck_reported, True
-        return (
-            []
-            if reported
-            else [self.finding("warning", self.expected, message("count-stuck", count=count))]
-        )
+        return finding(severity, words, place, code=code)
 
     def _by_count(self, count: int | None) -> tuple[int, list[Finding]]:
-        if count is None or self._last_count is None or self.expected == 0:
-            return self.expected, []
-        steps = count_steps(self._last_count, count)
-        if steps == 1:
-            return self.expected, []
-        if steps == 0:
-            return self.expected, self._stuck(count)
-        if 1 < steps <= COUNTER_TRUSTED:
-            index = self.expected + steps - 1
-            missed = message(
-                "stop-missed", before=self._last_count, now=count, missed=steps - 1
-            )
-            return index, [self.finding("warning", self.expected, missed)]
-        back = message(
-            "count-disagrees.anew", before=self._last_count, now=count, most=COUNT_MODULUS - 1
-        )
-        return self.expected, [self.finding("warning", self.expected, back)]
+        """Return the stop by the counter, and the finding if that is not the next stop."""
+        before, index = self._read.count, self.expected
+        steps = self._steps(count)
+        if count is None or before is None or steps in (None, 1):
+            return index, []
+        if not steps:
+            if self._stuck_reported:
+                return index, []
+            self._stuck_reported = True
+            words = message("count-stuck", count=count)
+        elif steps <= len(self.route):
+            index += steps - 1
+            words = message("stop-missed", before=before, now=count, missed=steps - 1)
+        else:  # the counter was reset
+            most = COUNT_MODULUS - 1
+            words = message("count-disagrees.anew", before=before, now=count, most=most)
+        return index, [self.finding("warning", self.expected, words)]
 
 
-def _position_words(position_mm: tuple[float, float, float]) -> str:
+def _position_words(position_mm: Iterable[float]) -> str:
     return ", ".join(f"{value:.4f}" for value in position_mm)

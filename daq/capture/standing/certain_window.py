@@ -13,11 +13,17 @@ import numpy as np
 
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
-from stepdiag.daq.capture.standing.window import (
+from stepdiag.daq.capture.noise import (
+    BESIDE_MM,
     LEAST_SAMPLES,
-    RESOLUTION_FLOOR_UM,
+    MAJORITY,
+    MOMENT_NS,
     SIGMAS,
+    STILL_MM,
+)
+from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.capture.standing.window import (
+    RESOLUTION_FLOOR_UM,
     Placing,
     Window,
     against_itself,
@@ -31,22 +37,11 @@ LOOK_BACK_NS = 5_000_000_000
 """Time in ns before a standstill in which its approach is searched: longer than the last part of a
 slow move.
 """
-AWAY_MM = 0.2
-"""Least distance in mm that shows a moving machine: vibration and overshoot are smaller on every
-machine.
-"""
-AWAY_SHARE = 0.25
-"""Share of a step that replaces `AWAY_MM` for short steps; if this share of a step is below
-`STILL_MM`, the approach is not judged.
-"""
-
-STEADY_SIGMAS = 3.0
-"""Least size of a trend beyond doubt, in standard uncertainties of the trend."""
-STEADY_ALONE_SIGMAS, STEP_ALONE_SIGMAS = 12.0, 8.0
-"""Least sizes of a trend and of a step beyond doubt while the pass does not show its noise yet. A
-window alone does not show noise that is slower than itself: in 1/f noise a trend reaches eleven
-standard uncertainties, and a step seven standard deviations of the residuals of two levels.
-"""
+ALONE_SIGMAS = 12.0
+"""A trend or a step beyond doubt where the pass does not show its noise yet, in standard
+uncertainties. A window alone does not show noise that is slower than itself: in 1/f noise its trend
+reaches eleven of its standard uncertainties, and a step seven standard deviations of what two
+levels leave."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -175,7 +170,7 @@ def take(
     window = summarise(span.time_ns * 1e-9, span.position_mm, least_um)
     beam = float(np.nanmean(span.beam)) if np.isfinite(span.beam).any() else math.nan
     doubts = _unsteady(window, rules)
-    if (to_ns - from_ns) < 0.5 * rules.min_window_s * 1e9:
+    if (to_ns - from_ns) < MAJORITY * rules.min_window_s * 1e9:
         doubts.append(
             message(
                 "stop-doubtful.short",
@@ -198,7 +193,7 @@ def _unsteady(window: Window, rules: StopRules) -> list[Message]:
     """Return the reason why a window is not steady (its trend is certainly too steep, or its
     scatter too wide); empty for a steady window.
     """
-    if abs(window.slope_um_s) > rules.max_slope_um_s + STEADY_SIGMAS * window.u_slope_um_s:
+    if abs(window.slope_um_s) > rules.max_slope_um_s + SIGMAS * window.u_slope_um_s:
         return [
             message(
                 "stop-doubtful", slope_um_s=window.slope_um_s, limit_um_s=rules.max_slope_um_s
@@ -229,13 +224,13 @@ class PassNoise:
         """
         window, slow_um_s = taken.window, self._scatter_um_s()
         alone, (step_um, step_sigmas) = not slow_um_s, taken.step
-        sigmas = STEADY_ALONE_SIGMAS if alone else STEADY_SIGMAS
+        sigmas = ALONE_SIGMAS if alone else SIGMAS
         beyond_um_s = abs(window.slope_um_s) - rules.max_slope_um_s
         slow_step_um = SIGMAS * slow_um_s * window.duration_s
         explained = {
             "stop-doubtful": beyond_um_s
             <= sigmas * math.hypot(window.u_slope_um_s, slow_um_s),
-            "window-step": step_sigmas <= STEP_ALONE_SIGMAS
+            "window-step": step_sigmas <= ALONE_SIGMAS
             if alone
             else abs(step_um) <= slow_step_um,
         }
@@ -263,7 +258,7 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
     reading of the step. None if the approach was not observed: the step is too short, there are no
     samples, or the count may have been lost on the way.
     """
-    away_mm = min(AWAY_MM, AWAY_SHARE * abs(step_mm))
+    away_mm = min(BESIDE_MM, MAJORITY * abs(step_mm))
     if away_mm < STILL_MM:
         return None
     span = stream.span(begin_ns - LOOK_BACK_NS, begin_ns)
@@ -281,18 +276,12 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
     return bool(in_a_row[away[-1]] < 0.0)
 
 
-CLOSE_NS = 30_000_000
-"""Largest time in ns between samples that cannot miss an overrun: a quick machine needs a tenth of
-a second for 2 mm out and back.
-"""
-
-
 def watched_closely(laser: StreamBuffer, last: CapturedStop, until_ns: float) -> bool:
-    """Return whether the laser has observed, within this log, every move since the last stop of a
-    pass was captured.
+    """Return whether the laser has observed every move since the last stop of a pass was captured,
+    within this log: `LEAST_SAMPLES` samples in the shortest overrun.
     """
     times_ns = laser.span(last.window_to_ns, until_ns).time_ns
-    return bool(np.all(np.diff(times_ns) <= CLOSE_NS))
+    return bool(np.all(np.diff(times_ns) <= MOMENT_NS / LEAST_SAMPLES))
 
 
 def last_beyond_ns(

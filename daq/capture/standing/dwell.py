@@ -24,34 +24,28 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.daq.capture.noise import (
+    FLICKER_NS,
+    LAG_NS,
+    LEAST_SAMPLES,
+    MAJORITY,
+    PLACED_MM,
+    SERIES,
+    STILL_MM,
+)
 from stepdiag.daq.capture.standing.window import (
     BIN_NS,
-    LEAST_SAMPLES,
+    EDGE_NS,
     LEAVING_SHARE,
-    MAJORITY,
     Placing,
 )
 from stepdiag.daq.formats.signals import Signals
 
-STILL_MM = 0.02
-"""Largest movement in mm of a machine that comes to rest; the shortest step, and an overrun that
-takes up the backlash, are longer.
-"""
-SAME_STOP_MM = 0.05
-"""Least distance in mm of the commanded positions of two stops; registers count tenths of
-micrometres.
-"""
 COUNT_MODULUS = 65536
 MOST_PLACES = 256
 """Largest number of different positions stored for a standstill: enough for the median, and bounded
 for a machine that stands for hours.
 """
-FLICKER_NS = 300_000_000
-"""Longest absence of the stop signal in ns that is a flicker: no machine makes a step and stands
-again in this time.
-"""
-
-
 Observation = Literal["moving", "same", "new"]
 Place = tuple[float, float, float] | None
 
@@ -176,7 +170,7 @@ def same_stop(one: Signals, other: Signals) -> bool:
     if one.commanded_mm is None or other.commanded_mm is None:
         return True
     return all(
-        abs(a - b) <= SAME_STOP_MM
+        abs(a - b) <= PLACED_MM
         for a, b in zip(one.commanded_mm, other.commanded_mm, strict=True)
     )
 
@@ -186,15 +180,6 @@ def count_steps(before: int, after: int) -> int:
     stop; an increase of more than half the range is a decrease.
     """
     return (after - before) % COUNT_MODULUS
-
-
-RECENT, RECENT_NS = 9, 50_000_000
-"""Number of samples, and time in ns, that are compared at the end of one dwell and at the beginning
-of the next. Later samples of a dwell may be from the following move: a stop signal is as old as the
-PLC's scan.
-"""
-SAMPLES_WAIT_NS = 500_000_000
-"""Longest wait in ns for the samples of a dwell before the dwell is judged without them."""
 
 
 @dataclass(slots=True)
@@ -237,7 +222,7 @@ class Standstills:
         while len(self._waiting) > 1:
             following = self._waiting[1].dwell
             one = _one(self._waiting[0], following, placing)
-            if one is None and now_ns - following.from_ns < SAMPLES_WAIT_NS:
+            if one is None and now_ns - following.from_ns < LAG_NS:
                 return False
             if not one:
                 return True
@@ -245,7 +230,7 @@ class Standstills:
         if going_on is None:
             return now_ns - self._waiting[0].end_ns >= FLICKER_NS
         one = _one(self._waiting[0], going_on, placing)
-        return now_ns - going_on.from_ns >= SAMPLES_WAIT_NS if one is None else not one
+        return now_ns - going_on.from_ns >= LAG_NS if one is None else not one
 
     def take(self) -> Dwell:
         """Return the first waiting standstill and remove it."""
@@ -295,8 +280,17 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     unbroken = after.not_before_ns is None or after.not_before_ns <= before.dwell.from_ns
     soon = after.from_ns - before.end_ns < FLICKER_NS
     flicker = soon and same_stop(before.dwell.signals, after.signals)
+    count = after.signals.stop_count
     if placing is None:
-        return flicker and after.signals.stop_count is not None
+        return flicker and count is not None
+    if (
+        unbroken
+        and count is not None
+        and count == before.dwell.signals.stop_count
+        and after.from_ns - before.dwell.from_ns < FLICKER_NS
+    ):
+        # the position lags behind counter and stop signal: the time is too short for a move
+        return True
     if not unbroken and (
         not flicker
         or any(before.end_ns < each.time_ns <= after.from_ns for each in placing.breaks)
@@ -306,7 +300,7 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     if len(then) < LEAST_SAMPLES:
         return None
     earlier = placing.span(
-        max(before.dwell.from_ns, before.end_ns - RECENT_NS), after.from_ns
+        max(before.dwell.from_ns, before.end_ns - EDGE_NS), after.from_ns
     ).position_mm
     strays = np.abs(earlier - np.median(then)) > STILL_MM
     # without an observed move between the dwells, the very first samples may be from a move
@@ -315,16 +309,18 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
 
 
 def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
-    """Return a few readings in mm from the beginning of a dwell."""
-    span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + SAMPLES_WAIT_NS))
+    """Return the last samples at the beginning of a dwell, in mm: of the samples up to its first
+    poll, or of the few that follow a dwell seen by a single poll.
+    """
+    span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + LAG_NS))
     shown, begun = np.searchsorted(
         span.time_ns,
-        [max(dwell.to_ns, dwell.from_ns + BIN_NS), dwell.from_ns + RECENT_NS],
+        [max(dwell.to_ns, dwell.from_ns + BIN_NS), dwell.from_ns + EDGE_NS],
     )
     beginning: NDArray[np.float64] = span.position_mm[
-        : max(LEAST_SAMPLES, min(shown, max(begun, RECENT)))
+        : max(LEAST_SAMPLES, min(shown, max(begun, SERIES)))
     ]
-    return beginning[-RECENT:]
+    return beginning[-SERIES:]
 
 
 def _single_dwell(before: _Waiting, after: Dwell) -> _Waiting:

@@ -12,18 +12,9 @@ from numpy import fft
 from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message, message
+from stepdiag.daq.capture.noise import LEAST_SAMPLES, MAJORITY, SERIES, SIGMAS
 from stepdiag.daq.timing.stream import Break, Span
 
-SIGMAS = 5.0
-"""Number of standard deviations that noise does not exceed."""
-LEAST_SAMPLES = 3
-"""Least number of samples that shows its own scatter, or a move; fewer may be single wrong lines of
-a laser. A polled display sends no more samples in a short dwell.
-"""
-MAJORITY = 0.5
-"""Share above which a part decides: of a window, of a dwell, or of the way of a leaving machine
-(samples on the way show a move; a slip of the count has none).
-"""
 BLOCKS = 256
 """Number of block means from which the autocorrelation is estimated, so that a window of any length
 has the same cost.
@@ -164,7 +155,7 @@ def _variance_inflation(residual: NDArray[np.float64]) -> float:
     size = max(1, len(residual) // BLOCKS)
     count = len(residual) // size
     variance = float(np.mean(residual**2))
-    if count < 8:
+    if count < SERIES:
         return 1.0
     blocks = residual[: size * count].reshape(count, size).mean(axis=1)
     spectrum = np.abs(fft.rfft(blocks, 2 * count)) ** 2
@@ -179,11 +170,14 @@ def _variance_inflation(residual: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Plateau:
-    """A stretch of quiet readings: its bounds in time, and its mean reading."""
+    """A stretch of quiet readings: its bounds, its level, and its number where the marker input of
+    the instrument counts the standstills.
+    """
 
     from_ns: float
     to_ns: float
     level_mm: float
+    count: int | None = None
 
 
 def find_plateaus(
@@ -211,21 +205,8 @@ def find_plateaus(
 
 
 STEP_BLOCKS = 32
-LEAST_BLOCKS = 8
-"""Least number of blocks of a window that can separate two levels from a straight line."""
-NEAR = 3
-"""Number of blocks compared on either side of a step."""
-SHARP = 0.7
-"""Least share of a step that has to happen between neighbouring blocks: a slower change is a drift.
-"""
 LEAST_STEP_UM = 0.5
-"""Least size in um of a reported step: smaller steps are within the repeatability of an ordinary
-machine.
-"""
-UNLIKE_A_DRIFT = 0.35
-"""Two levels explain the window if the square sum of their residuals is at most this share of the
-square sum for a straight line.
-"""
+"""Smaller steps are not reported: they are within the repeatability of an ordinary machine."""
 WRONG_SHARE = 0.01
 """Share of wrong lines in a window that, with more than `LEAST_SAMPLES` wrong lines, is no
 accident.
@@ -234,8 +215,6 @@ RESTLESS_UM = 0.02
 """Resolution in um of an instrument that records the movements of air and floor: in a machine hall
 such an instrument never sends one constant value for half a window.
 """
-FROZEN_SAMPLES = 10
-"""Least number of consecutive equal samples that is no chance on a quiet machine."""
 LEAVING_SHARE = 0.1
 """Share of the samples of a standstill that may be from a move: a PLC reports the standstill for up
 to a scan too long.
@@ -253,7 +232,7 @@ def against_itself(
     count = len(position_mm)
     if resolution_um <= RESTLESS_UM:
         same = _longest_run(position_mm)
-        if same >= max(FROZEN_SAMPLES, MAJORITY * count):
+        if same >= max(SERIES, MAJORITY * count):
             return [message("laser-frozen", same=same, count=count)]
     if step_um := step_in_um(position_mm):
         return [message("window-step", step_um=step_um)]
@@ -284,10 +263,13 @@ def step_in_um(position_mm: NDArray[np.float64]) -> float:
 def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
     """Return the size of the step between two levels in a window, in um and in standard deviations
     of the residuals; 0 without a step.
+
+    A step is sharp: its larger part happens between neighbouring blocks, and two levels leave less
+    than half of the square sum that a straight line leaves. A slower change is a drift.
     """
     size = -(-len(position_mm) // STEP_BLOCKS)
     count = len(position_mm) // size
-    if count < LEAST_BLOCKS:
+    if count < SERIES:
         return 0.0, 0.0
     blocks = np.median(position_mm[: size * count].reshape(count, size), axis=1) * 1e3
     at = _best_split(blocks)
@@ -297,11 +279,12 @@ def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
         return 0.0, 0.0
     rest = blocks - np.where(np.arange(count) < at, before, after)
     sharp = float(
-        np.median(blocks[at : at + NEAR]) - np.median(blocks[max(0, at - NEAR) : at])
+        np.median(blocks[at : at + LEAST_SAMPLES])
+        - np.median(blocks[max(0, at - LEAST_SAMPLES) : at])
     )
     noise_um = float(np.std(rest))
-    two_levels = float(rest @ rest) < UNLIKE_A_DRIFT * _squares_of_a_line(blocks)
-    found = abs(step) > SIGMAS * noise_um and two_levels and abs(sharp) > SHARP * abs(step)
+    two_levels = float(rest @ rest) < MAJORITY * _squares_of_a_line(blocks)
+    found = abs(step) > SIGMAS * noise_um and two_levels and abs(sharp) > MAJORITY * abs(step)
     return (step, abs(step) / max(noise_um, RESOLUTION_FLOOR_UM)) if found else (0.0, 0.0)
 
 
@@ -314,7 +297,7 @@ def _best_split(blocks: NDArray[np.float64]) -> int:
     total = np.cumsum(blocks)
     means_apart = (total[-1] - total[:-1]) / (count - first) - total[:-1] / first
     gain = first * (count - first) / count * means_apart**2
-    edge = max(2, count // 8)
+    edge = max(2, count // SERIES)
     return int(np.argmax(gain[edge - 1 : count - edge])) + edge
 
 

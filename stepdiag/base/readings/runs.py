@@ -130,6 +130,19 @@ def order_of(plan: Plan, run: Run, number: int) -> str:
     return orders[(number - 1) // 2 % len(orders)]
 
 
+def moving_order_of(plan: Plan, run: Run, number: int) -> str:
+    """Return the moving axes of a pass in the order in which they move: ``yzx`` on a body diagonal,
+    ``yx`` on a face diagonal.
+    """
+    signs = run.travel.signs
+    return "".join(axis for axis in order_of(plan, run, number) if signs[AXES.index(axis)])
+
+
+def has_several_orders(plan: Plan, run: Run) -> bool:
+    """Return whether the passes of a run move their axes in different orders."""
+    return len({moving_order_of(plan, run, number) for number in run.pass_numbers}) > 1
+
+
 def _nodes(n: int, setup: Setup, order: str) -> NDArray[np.int64]:
     signs = np.array(setup.signs)
     moving = [AXES.index(letter) for letter in order if signs[AXES.index(letter)]]

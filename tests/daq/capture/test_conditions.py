@@ -6,13 +6,13 @@ import math
 import pytest
 
 from stepdiag.daq.capture.conditions import (
-    BELIEVED_STOPS,
     STALE_NS,
     Conditions,
     Credible,
     believed_before,
     with_air,
 )
+from stepdiag.daq.capture.noise import LEAST_SAMPLES
 from stepdiag.daq.capture.remarks.unchecked import assumed, unchecked
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.file import parse_survey
@@ -103,7 +103,7 @@ def test_what_the_survey_file_fixes_is_not_judged():
 def test_a_jump_that_lasts_is_believed_in_the_end_and_doubted():
     """Both are possible, before and after: which of them is right a person must say."""
     *held, believed, after = judge(
-        {}, *[{"air_pressure_hpa": 980.0}] * BELIEVED_STOPS, {"air_pressure_hpa": 980.0}
+        {}, *[{"air_pressure_hpa": 980.0}] * LEAST_SAMPLES, {"air_pressure_hpa": 980.0}
     )
     assert all(judged.signals.air_pressure_hpa == 1013.2 for judged in held)
     assert believed.signals.air_pressure_hpa == 980.0

@@ -76,6 +76,17 @@ def test_what_is_owed_since_the_last_daemon_is_told_at_once():
     assert machine.heard == [5]
 
 
+def test_a_program_that_runs_on_after_its_survey_is_let_go_at_every_stop():
+    """A program driven anew for one pass has others after it: the survey is complete, and the
+    machine waits at stops that no pass needs."""
+    machine = Machine(owed=7)
+    for number, signals in enumerate((at(7), at(8), at(8, stopped=False), at(9), at(9))):
+        machine.handshake.let_go(signals, round(0.1 * number * SECOND))
+        machine.stands(signals, 0.1 * number)
+    assert machine.heard == [7, 8, 9]
+    assert machine.said == []
+
+
 def test_a_program_that_is_over_waits_for_nobody():
     machine = Machine()
     machine.stands(at(4, running=False), 0.0, 9.0)

@@ -89,7 +89,6 @@ def of_the_other_direction(each):
 @pytest.mark.parametrize(
     ("seen", "back_at", "again", "comes_s"),
     [
-        (NOT_YET, TURN + 1, 3, ON_THE_WAY_S),
         (NOT_YET, TURN + 2, 2, ON_THE_WAY_S),
         (1, TURN + 1, 3, ON_THE_WAY_S),
         (1, TURN + 2, 2, ON_THE_WAY_S),
@@ -110,6 +109,13 @@ def test_a_stop_of_the_way_back_in_the_way_out_is_doubted(
     assert set(wrong) <= {
         doubt.stop for doubt in one.open_doubts() if doubt.code == "other-side"
     }
+
+
+def test_stops_missed_after_the_end_of_the_way_back_keep_the_way_out(tmp_path):
+    """The way back ended at its last stop, so the machine goes out: two stops later it is seen."""
+    passes = driven_again(tmp_path, NOT_YET, TURN + 1, 3).book.passes
+    assert sorted(each.number for each in passes) == [1, 2]
+    assert not any(of_the_other_direction(each) for each in passes)
 
 
 @pytest.mark.parametrize("seen", [1, 3])

@@ -3,7 +3,10 @@ solves it and writes files."""
 
 import csv
 import json
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -14,7 +17,7 @@ from stepdiag.daq.survey.file import parse_survey
 from stepdiag.exporters.programs import nc_programs
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
-from stepdiag.virtual.physics.machine import Machine
+from stepdiag.virtual.physics.machine import Machine, Setup
 from testkit.exact.placed import placed
 from testkit.linuxcnc.comparison import ATTEMPTS
 from testkit.linuxcnc.files import profile_text
@@ -28,7 +31,7 @@ from testkit.linuxcnc.job import (
     daemon,
     still_missing,
 )
-from testkit.linuxcnc.rig import linuxcnc
+from testkit.linuxcnc.rig import Control, linuxcnc
 from testkit.linuxcnc.stand import LATENCY_S, Stand
 
 pytestmark = [pytest.mark.system, pytest.mark.control]
@@ -59,6 +62,27 @@ setup = "ppn"
 offset_mm = [0.0, 35.0, 0.0]
 [machine]
 """
+
+
+SECOND_PASS = 10
+"""The count of the machine at a stop in the second pass of the first program, whose three passes
+have three orders of the axes: the program is driven anew, and begins with the first order."""
+
+
+@contextmanager
+def beam_cut(control: Control, stand: Stand, put_up: Setup, *, at: int) -> Iterator[None]:
+    """Cut the beam at a count of the machine while the block runs; 0 cuts nothing."""
+
+    def cut() -> None:
+        control.wait_for(lambda state: state.running and state.count == at)
+        stand.readout.put(put_up)
+
+    thread = threading.Thread(target=cut)
+    if at:
+        thread.start()
+    yield
+    if at:
+        thread.join()
 
 
 @pytest.mark.timeout(1500)
@@ -112,16 +136,12 @@ def test_faces_other_edges_three_orders_and_irregular_runs_end_in_files(
             missing, driven = list(programs), 0
             for _ in range(len(programs) + ATTEMPTS):
                 for setup in missing:
-                    stand.readout.put(
-                        placed(
-                            survey.planned,
-                            survey.planned.run_of(setup),
-                            (0.4, -0.3),
-                            (0.1, 0.15),
-                        )
-                    )
+                    run = survey.planned.run_of(setup)
+                    put_up = placed(survey.planned, run, (0.4, -0.3), (0.1, 0.15))
+                    stand.readout.put(put_up)
                     time.sleep(0.4)
-                    control.run(programs[setup])
+                    with beam_cut(control, stand, put_up, at=0 if driven else SECOND_PASS):
+                        control.run(programs[setup])
                     driven += 1
                 again = still_missing(folder, log, driven)
                 if not again:

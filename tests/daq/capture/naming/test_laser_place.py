@@ -8,12 +8,10 @@ import pytest
 from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.naming.walk import stop_reading
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
 from testkit.examples import spread
-from testkit.routes import make_route
 from testkit.timeline import STOPPED_ONLY, Timeline, diagonal, survey_text
 
 COUNTED = (
@@ -271,17 +269,3 @@ def test_a_count_lost_unseen_never_joins_what_it_does_not_reach(signals):
     assert not only.whole
     assert {"step-mismatch", "between-stops"} & set(codes)
     assert "drive the whole pass again" in str(only.why_incomplete())
-
-
-def test_a_reading_far_from_anything_measured_is_no_place():
-    """One stop is known; a stop 250 mm away along the diagonal is taken for it only where steps are
-    large against what may be off."""
-    fine = make_route(
-        parse_survey(survey_text(size=(1000.0, 100.0, 50.0), n=10), "s").volume,
-        "ppp",
-        "xyz",
-        outward=True,
-    )
-    assert stop_reading(fine, {0: 0.0}, float(fine.nominal_mm[1])) == 1
-    assert stop_reading(fine, {0: 0.0}, float(fine.nominal_mm[9])) is None
-    assert stop_reading(fine, {}, 0.0) is None

@@ -3,7 +3,7 @@
 import pytest
 
 from stepdiag.base.volume import Volume
-from stepdiag.daq.capture.naming.walk import Walk
+from stepdiag.daq.capture.naming.walk import Path, Walk
 from testkit.routes import make_route
 
 ROUTE = make_route(
@@ -16,7 +16,7 @@ ROUTE = make_route(
 
 @pytest.mark.parametrize("stop", [1, 3, 6])
 def test_a_pass_that_goes_on_is_held_against_the_reading_before_it(stop):
-    goes_on = Walk(ROUTE, stop, None, 12.0)
+    goes_on = Walk((ROUTE,), Path(stop=stop - 1, left_mm=12.0))
     expected_mm = goes_on.expected_reading_mm(stop)
     assert expected_mm == pytest.approx(12.0 + ROUTE.step_mm(stop - 1, stop))
     assert goes_on.judge(stop, expected_mm) is None

@@ -75,7 +75,7 @@ def test_what_nobody_saw_is_not_said():
     assert along(Laser(LEVEL_MM + 20.0, breaks=[BEGIN_S]), 20.0) is None, (
         "the count was lost on the way"
     )
-    assert along(Laser(LEVEL_MM + 20.0), 0.05) is None, "no way to speak of"
+    assert along(Laser(LEVEL_MM + 20.0), 0.03) is None, "no way to speak of"
 
 
 def test_single_wrong_lines_and_what_became_of_the_count_before_or_after_are_no_way():

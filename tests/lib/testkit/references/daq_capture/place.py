@@ -136,9 +136,9 @@ def finder(told: dict[str, Any]) -> Any:
             answer = finds.follow(signals, reading_mm)
             said: list[Any] = [finds.is_head_run(signals)]
             if isinstance(answer, Walk):
-                turn = None if finds.turn is None else finds.turn.stop
+                turn = None if answer.turn is None else answer.turn.stop
                 state = [
-                    answer.name,
+                    f"{answer.route.setup} {answer.route.way}",
                     answer.expected,
                     answer.started,
                     answer.apart,
@@ -175,7 +175,7 @@ def directions(told: dict[str, Any]) -> Any:
                 assert isinstance(answer, Walk)
                 row.append(
                     f"{'+' if answer.route.outward else '-'}{answer.expected}"
-                    f"{'t' if finds.turn else ''}"
+                    f"{'t' if answer.turn else ''}"
                 )
             found[f"{said} at {place}"] = " ".join(row)
     return found
@@ -203,7 +203,7 @@ def positions(told: dict[str, Any]) -> Any:
     """Compare commanded positions with a plan, stop by stop."""
     found, route = [], route_of(told["route"])
     check = PositionCheck({} if told.get("bare") else CONTRACT_SIGNALS)
-    follows = Walk(route, 0, None, None)
+    follows = Walk((route,), Path())
     for stop, off_mm in told["stops"]:
         at = (
             [plan + off for plan, off in zip(route.planned_mm(stop), off_mm, strict=True)]

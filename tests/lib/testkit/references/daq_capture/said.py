@@ -16,7 +16,7 @@ from stepdiag.daq.capture.conditions import (
     with_air,
 )
 from stepdiag.daq.capture.log_start import start_of
-from stepdiag.daq.capture.naming.walk import Walk
+from stepdiag.daq.capture.naming.walk import Path, Walk
 from stepdiag.daq.capture.remarks.remarks import Alarm, Pulse, StreamRemarks, credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known, unchecked
 from stepdiag.daq.formats.signals import Signals
@@ -86,7 +86,10 @@ def remarks(told: dict[str, Any]) -> Any:
         beats.append(plain([said, pulse.still, pulse.beat_ns, pulse.for_s(recv_ns)]))
     alarms: list[Any] = []
     for route, expected in told["walks"]:
-        alarm, follows = Alarm(told["wall_ns"]), Walk(route_of(route), expected, None, None)
+        alarm, follows = (
+            Alarm(told["wall_ns"]),
+            Walk((route_of(route),), Path(stop=expected - 1)),
+        )
         for act, *rest in told["alarms"]:
             if act == "look":
                 alarms.append(
