@@ -28,6 +28,7 @@ from stepdiag.daq.capture.standing.window import (
     Window,
     against_itself,
     find_step,
+    sigmas_of_trend,
     summarise,
 )
 from stepdiag.daq.survey.models import StopRules
@@ -37,19 +38,15 @@ LOOK_BACK_NS = 5_000_000_000
 """Time in ns before a standstill in which its approach is searched: longer than the last part of a
 slow move.
 """
-ALONE_SIGMAS = 12.0
-"""A trend or a step beyond doubt where the pass does not show its noise yet, in standard
-uncertainties. A window alone does not show noise that is slower than itself: in 1/f noise its trend
-reaches eleven of its standard uncertainties, and a step seven standard deviations of what two
-levels leave."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Taken:
     """A window of readings: its statistics, its bounds, and the reasons to doubt it.
 
-    ``step`` is the size of a step in the window, in um and in standard deviations of the residuals
-    of two levels.
+    ``step`` is the size of a step in the window, in um and in standard deviations of the noise
+    that the window shows itself; ``trend_sigmas`` is the part of the trend that is too steep, in
+    these standard deviations.
     """
 
     window: Window
@@ -58,6 +55,7 @@ class Taken:
     beam: float
     doubts: tuple[Message, ...] = ()
     step: tuple[float, float] = (0.0, 0.0)
+    trend_sigmas: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +140,9 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
 def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> Taken:
     """Return the longest steady window at the end of a part of a dwell; the whole part if no steady
     window is long enough.
+
+    A shorter window has more noise, which hides a trend: it is steady if the larger part of the
+    trend is gone.
     """
     length = part.to_ns - whole.from_ns
     for left_out in (0.0, 0.25, 0.5, 0.75):
@@ -153,9 +154,25 @@ def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> T
             if left_out
             else whole
         )
-        if taken is None or not _unsteady(taken.window, rules):
-            return taken or whole
+        if taken is None:
+            return whole
+        if not _unsteady(taken.window, rules) and (
+            taken is whole or not _goes_on(taken.window, whole.window, rules)
+        ):
+            return taken
     return whole
+
+
+def _too_steep(window: Window, rules: StopRules) -> bool:
+    beyond_um_s = abs(window.slope_um_s) - rules.max_slope_um_s
+    return beyond_um_s > SIGMAS * window.u_slope_um_s
+
+
+def _goes_on(window: Window, whole: Window, rules: StopRules) -> bool:
+    """Return whether a shorter window has the larger part of a trend that is too steep."""
+    larger_um_s = max(rules.max_slope_um_s, MAJORITY * abs(whole.slope_um_s))
+    along_um_s = math.copysign(1.0, whole.slope_um_s) * window.slope_um_s
+    return _too_steep(whole, rules) and along_um_s > larger_um_s
 
 
 def take(
@@ -170,6 +187,8 @@ def take(
     window = summarise(span.time_ns * 1e-9, span.position_mm, least_um)
     beam = float(np.nanmean(span.beam)) if np.isfinite(span.beam).any() else math.nan
     doubts = _unsteady(window, rules)
+    beyond_um_s = abs(window.slope_um_s) - rules.max_slope_um_s
+    trend_sigmas = sigmas_of_trend(span.position_mm, window, beyond_um_s) if doubts else 0.0
     if (to_ns - from_ns) < MAJORITY * rules.min_window_s * 1e9:
         doubts.append(
             message(
@@ -186,14 +205,21 @@ def take(
                 count=span.unusable + len(span.time_ns),
             )
         )
-    return Taken(window=window, from_ns=from_ns, to_ns=to_ns, beam=beam, doubts=tuple(doubts))
+    return Taken(
+        window=window,
+        from_ns=from_ns,
+        to_ns=to_ns,
+        beam=beam,
+        doubts=tuple(doubts),
+        trend_sigmas=trend_sigmas,
+    )
 
 
 def _unsteady(window: Window, rules: StopRules) -> list[Message]:
     """Return the reason why a window is not steady (its trend is certainly too steep, or its
     scatter too wide); empty for a steady window.
     """
-    if abs(window.slope_um_s) > rules.max_slope_um_s + SIGMAS * window.u_slope_um_s:
+    if _too_steep(window, rules):
         return [
             message(
                 "stop-doubtful", slope_um_s=window.slope_um_s, limit_um_s=rules.max_slope_um_s
@@ -213,7 +239,8 @@ def _unsteady(window: Window, rules: StopRules) -> list[Message]:
 @dataclass(slots=True)
 class PassNoise:
     """The slow noise of a pass, from the trends of its undoubted windows so far, in um/s. Turbulent
-    air gives another trend at every stop; a machine that creeps gives the same trend.
+    air gives another trend at every stop; a machine that creeps gives the same trend. Before the
+    pass shows its noise, each window has the noise that it shows itself.
     """
 
     slopes_um_s: list[float] = field(default_factory=list)
@@ -222,18 +249,20 @@ class PassNoise:
         """Add the next window; return this window without the doubts that the slow noise
         explains.
         """
-        window, slow_um_s = taken.window, self._scatter_um_s()
-        alone, (step_um, step_sigmas) = not slow_um_s, taken.step
-        sigmas = ALONE_SIGMAS if alone else SIGMAS
+        window, shown_um_s = taken.window, self._scatter_um_s()
+        step_um, step_sigmas = taken.step
         beyond_um_s = abs(window.slope_um_s) - rules.max_slope_um_s
-        slow_step_um = SIGMAS * slow_um_s * window.duration_s
-        explained = {
-            "stop-doubtful": beyond_um_s
-            <= sigmas * math.hypot(window.u_slope_um_s, slow_um_s),
-            "window-step": step_sigmas <= ALONE_SIGMAS
-            if alone
-            else abs(step_um) <= slow_step_um,
-        }
+        if shown_um_s:
+            noise_um_s = max(window.u_slope_um_s, shown_um_s)
+            explained = {
+                "stop-doubtful": beyond_um_s <= SIGMAS * noise_um_s,
+                "window-step": abs(step_um) <= SIGMAS * shown_um_s * window.duration_s,
+            }
+        else:
+            explained = {
+                "stop-doubtful": taken.trend_sigmas <= SIGMAS,
+                "window-step": step_sigmas <= SIGMAS,
+            }
         doubts = tuple(each for each in taken.doubts if not explained.get(each.key, False))
         if not any(each.key in explained for each in doubts):
             self.slopes_um_s.append(window.slope_um_s)

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 import numpy.ma  # np.unique needs this module; it is loaded here, not at the first stop
 from numpy import fft
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message, message
@@ -19,6 +20,8 @@ BLOCKS = 256
 """Number of block means from which the autocorrelation is estimated, so that a window of any length
 has the same cost.
 """
+STEP_BLOCKS = 32
+"""Largest number of blocks in which steps and slow noise are searched."""
 RESOLUTION_FLOOR_UM = 0.002
 """Least uncertainty in um for a window of equal samples, whose standard deviation is zero: the
 finest known instruments have steps of one or two nanometres.
@@ -144,6 +147,56 @@ def _trend(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[fl
     return slope, float(np.sqrt(variance * _variance_inflation(residual)))
 
 
+def sigmas_of_trend(position_mm: NDArray[np.float64], window: Window, um_s: float) -> float:
+    """Return a part of a window's trend, in standard deviations (`sigmas`) of the noise that the
+    window shows: the trend's uncertainty and the wander beside the trend.
+    """
+    blocks = _blocks(position_mm * 1e3)
+    trend_um = window.slope_um_s * window.duration_s * np.linspace(0.0, 1.0, len(blocks))
+    slow_um_s = _wander_um(blocks - trend_um) / max(window.duration_s, 1e-9)
+    return sigmas(um_s, math.hypot(window.u_slope_um_s, slow_um_s), len(blocks))
+
+
+def _blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the middle values of the at most `STEP_BLOCKS` blocks of a window. Of an even number
+    of values this is one of both: a block at a step is on one of its levels.
+    """
+    size = -(-len(values) // STEP_BLOCKS)
+    count = len(values) // size
+    middle = size // 2
+    blocks: NDArray[np.float64] = np.partition(
+        values[: size * count].reshape(count, size), middle, axis=1
+    )[:, middle]
+    return blocks
+
+
+def _wander_um(rest: NDArray[np.float64]) -> float:
+    """Return the root mean square of the change between neighbouring parts of a window, each the
+    median of `LEAST_SAMPLES` blocks; 0 where there are too few blocks.
+
+    Slow noise hides from the scatter beside a line or two levels, and shows here.
+    """
+    if len(rest) < 2 * LEAST_SAMPLES:
+        return 0.0
+    parts = np.median(sliding_window_view(rest, LEAST_SAMPLES), axis=1)
+    changes = parts[LEAST_SAMPLES:] - parts[:-LEAST_SAMPLES]
+    return float(np.sqrt(np.mean(changes**2)))
+
+
+def sigmas(size: float, noise: float, count: int) -> float:
+    """Return a size in standard deviations of a noise that ``count`` values show: the root of twice
+    the logarithm of the likelihood ratio of a size beside none.
+
+    Few values show their noise badly: of eight values, eleven times their noise are five standard
+    deviations.
+    """
+    if count < LEAST_SAMPLES:
+        return 0.0
+    if noise <= 0.0:
+        return math.inf
+    return math.sqrt(count * math.log1p((size / noise) ** 2 / (count - 2)))
+
+
 def _variance_inflation(residual: NDArray[np.float64]) -> float:
     """Return the factor (at least 1) by which the correlation of the samples raises the variance of
     their mean.
@@ -204,7 +257,6 @@ def find_plateaus(
     return plateaus
 
 
-STEP_BLOCKS = 32
 LEAST_STEP_UM = 0.5
 """Smaller steps are not reported: they are within the repeatability of an ordinary machine."""
 WRONG_SHARE = 0.01
@@ -262,30 +314,36 @@ def step_in_um(position_mm: NDArray[np.float64]) -> float:
 
 def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
     """Return the size of the step between two levels in a window, in um and in standard deviations
-    of the residuals; 0 without a step.
+    (`sigmas`); 0 without a step.
 
     A step is sharp: its larger part happens between neighbouring blocks, and two levels leave less
-    than half of the square sum that a straight line leaves. A slower change is a drift.
+    than half of the square sum that a straight line leaves. A slower change is a drift. The noise
+    of a step has two parts that the window shows itself: the scatter beside the levels, and the
+    wander.
     """
-    size = -(-len(position_mm) // STEP_BLOCKS)
-    count = len(position_mm) // size
+    blocks = _blocks(position_mm * 1e3)
+    count = len(blocks)
     if count < SERIES:
         return 0.0, 0.0
-    blocks = np.median(position_mm[: size * count].reshape(count, size), axis=1) * 1e3
     at = _best_split(blocks)
     before, after = float(np.median(blocks[:at])), float(np.median(blocks[at:]))
     step = after - before
     if abs(step) <= LEAST_STEP_UM:
         return 0.0, 0.0
     rest = blocks - np.where(np.arange(count) < at, before, after)
-    sharp = float(
-        np.median(blocks[at : at + LEAST_SAMPLES])
-        - np.median(blocks[max(0, at - LEAST_SAMPLES) : at])
+    sharp = abs(
+        float(
+            np.median(blocks[at : at + LEAST_SAMPLES])
+            - np.median(blocks[max(0, at - LEAST_SAMPLES) : at])
+        )
     )
-    noise_um = float(np.std(rest))
     two_levels = float(rest @ rest) < MAJORITY * _squares_of_a_line(blocks)
-    found = abs(step) > SIGMAS * noise_um and two_levels and abs(sharp) > MAJORITY * abs(step)
-    return (step, abs(step) / max(noise_um, RESOLUTION_FLOOR_UM)) if found else (0.0, 0.0)
+    scatter_um, wander_um = float(np.std(rest)), _wander_um(rest)
+    found = sharp > SIGMAS * max(scatter_um, wander_um) and sharp > MAJORITY * abs(step)
+    if not (found and two_levels):
+        return 0.0, 0.0
+    noise_um = max(math.hypot(scatter_um, wander_um), RESOLUTION_FLOOR_UM)
+    return step, sigmas(sharp, noise_um, count)
 
 
 def _best_split(blocks: NDArray[np.float64]) -> int:
