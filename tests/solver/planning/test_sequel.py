@@ -67,6 +67,12 @@ def test_small_angles_end_the_survey():
     assert quiet.angles_urad is None or quiet.angles_urad < 8.0
 
 
+def test_a_survey_without_a_further_line_ends():
+    every = designs.EMPTY.with_runs(*offered(SEVEN, JOB))
+    ahead = sequel(every, JOB, [run.setup for run in every.runs])
+    assert (ahead.end, ahead.runs) == (True, ())
+
+
 def test_one_diagonal_shows_no_angles_and_the_plan_goes_on():
     alone = replace(SEVEN, runs=SEVEN.runs[:1])
     ahead = sequel(
