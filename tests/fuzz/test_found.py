@@ -378,7 +378,7 @@ def test_curves_that_share_no_place_are_refused():
 
 def test_a_clock_that_jumps_does_not_ask_for_an_interval_a_second():
     text = "time_s,qd_x,qd_y,qd_sum\n0,0,0,1\n1,0,0,1\n900000000000,0,0,1\n"
-    with pytest.raises(DataError, match="samples in every 1 s"):
+    with pytest.raises(DataError, match="samples in every interval of 1 s"):
         read_head_csv(text, "foreign").averaged(1.0)
 
 

@@ -29,6 +29,7 @@ from stepdiag.daq.capture.standing.window import (
     against_itself,
     find_step,
     sigmas_of_trend,
+    strays,
     summarise,
 )
 from stepdiag.daq.survey.models import StopRules
@@ -134,12 +135,16 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
     doubts = against_itself(span.position_mm, whole.window, stream.resolution_um)
     stepped = any(doubt.key == "window-step" for doubt in doubts)
     step = find_step(span.position_mm) if stepped else (0.0, 0.0)
+    if (
+        taken is not whole
+    ):  # the machine arrives in the whole window, and is at rest in the later
+        doubts = [doubt for doubt in doubts if doubt.key != "window-step.strays"]
     return replace(taken, doubts=(*taken.doubts, *doubts), step=step)
 
 
 def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> Taken:
-    """Return the longest steady window at the end of a part of a dwell; the whole part if no steady
-    window is long enough.
+    """Return the longest steady window without strays at the end of a part of a dwell; the whole
+    part if no such window is long enough.
 
     A shorter window has more noise, which hides a trend: it is steady if the larger part of the
     trend is gone.
@@ -149,15 +154,16 @@ def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> T
         begin = whole.from_ns + left_out * length
         if left_out and part.to_ns - begin < rules.min_window_s * 1e9:
             break
+        span = part.span(stream, begin)
         taken = (
-            take(part.span(stream, begin), begin, part.to_ns, rules, stream.resolution_um)
-            if left_out
-            else whole
+            take(span, begin, part.to_ns, rules, stream.resolution_um) if left_out else whole
         )
         if taken is None:
             return whole
-        if not _unsteady(taken.window, rules) and (
-            taken is whole or not _goes_on(taken.window, whole.window, rules)
+        if (
+            not _unsteady(taken.window, rules)
+            and not strays(span.position_mm, taken.window)
+            and (taken is whole or not _goes_on(taken.window, whole.window, rules))
         ):
             return taken
     return whole

@@ -288,10 +288,17 @@ def against_itself(
             return [message("laser-frozen", same=same, count=count)]
     if step_um := step_in_um(position_mm):
         return [message("window-step", step_um=step_um)]
-    wrong, accidents = window.rejected, LEAST_SAMPLES + WRONG_SHARE * count
-    if wrong > accidents and (wrong := wrong - _leaving(position_mm)) > accidents:
-        return [message("window-step.strays", wrong=wrong, count=count)]
-    return []
+    wrong = strays(position_mm, window)
+    return [message("window-step.strays", wrong=wrong, count=count)] if wrong else []
+
+
+def strays(position_mm: NDArray[np.float64], window: Window) -> int:
+    """Return the number of outliers of a window; 0 if they may be accidents, or samples in which
+    the machine leaves.
+    """
+    wrong, accidents = window.rejected, LEAST_SAMPLES + WRONG_SHARE * len(position_mm)
+    wrong -= _leaving(position_mm) if wrong > accidents else 0
+    return wrong if wrong > accidents else 0
 
 
 def _leaving(position_mm: NDArray[np.float64]) -> int:

@@ -205,7 +205,7 @@ def test_what_was_found_is_said_beside_what_was_assumed():
     found = found_in(drawn(clean, 2, misses_um=1.5, noise_um=0.2))
     (said,) = [each for each in scatter_findings(found) if each.code == "repeatability-found"]
     assert said.severity == "info"
-    assert f"repeats to {found.scatter.repeatability_um:.2g} µm" in said.text
+    assert f"is {found.scatter.repeatability_um:.2g} µm" in said.text
     assert "assumed 0.5" in said.text
 
 

@@ -32,7 +32,9 @@ def solved(seed, wrong=(), slip_mm=0.0, size_urad=10.0):
 
 def signs(result):
     return {
-        finding.text[:3] for finding in result.findings if "its sign turned" in finding.text
+        finding.text[:3]
+        for finding in result.findings
+        if "if its sign is reversed" in finding.text
     }
 
 
@@ -52,7 +54,7 @@ def test_a_wrong_sign_is_named_before_any_reading(wrong):
     assert all(
         finding.severity == "error"
         for finding in result.findings
-        if "its sign turned" in finding.text
+        if "if its sign is reversed" in finding.text
     )
     true = replace(MACHINE, seed=2).angles(1.0)
     for name in signs(result):

@@ -489,7 +489,7 @@ def test_of_readings_noisier_than_stated_the_noise_is_estimated_and_named():
     result = solve(boasting)
     (finding,) = [finding for finding in result.findings if finding.key == "stated-u-low"]
     assert finding.severity == "warning"
-    assert "stops state 0.3 µm" in finding.text
+    assert "uncertainty of the stops is 0.3 µm" in finding.text
     assert result.errors["EYX"].u[5] == pytest.approx(
         solve(honest.survey()).errors["EYX"].u[5], rel=0.35
     )

@@ -76,7 +76,7 @@ def test_a_stop_that_the_file_leaves_out_is_named_and_the_rest_is_placed_as_befo
     whole, layout = lay_out(SURVEY), lay_out(without(SURVEY, setup, stop, renumber=False))
     (finding,) = layout.findings
     assert finding.code == "stop-missing"
-    assert f"({setup}), pass 1 out, stop {stop + 1};" in finding.text
+    assert f"({setup}), pass 1 out, stop {stop + 1}." in finding.text
     left = [
         row
         for row in range(len(whole))
@@ -138,7 +138,7 @@ def test_a_setup_that_drives_another_diagonal_is_refused():
     with pytest.raises(
         DataError,
         match=r"\(ppp\), pass 1 out, row with `stop = 1`: expected a move of one axis, "
-        r"X\+ or Y\+ or Z\+, from "
+        r"X\+ or Y\+ or Z\+, after "
         r"the row with `stop = 0`, found X by -100 mm",
     ):
         lay_out(swapped)

@@ -198,8 +198,8 @@ def test_three_beam_lines_resolve_all_eighteen_functions():
 @pytest.mark.parametrize(
     ("setups", "code", "words"),
     [
-        (BODY_DIAGONALS, "unidentified.scale", "scale of X, Y, Z alone"),
-        ((*BODY_DIAGONALS, "linear-x"), "unidentified.scale", "scale of Y, Z alone"),
+        (BODY_DIAGONALS, "unidentified.scale", "the scale of X, Y, Z,"),
+        ((*BODY_DIAGONALS, "linear-x"), "unidentified.scale", "the scale of Y, Z,"),
         (BODY_DIAGONALS[:3], "unidentified.squareness", "squareness C0Y, B0Z, A0Z"),
     ],
 )
