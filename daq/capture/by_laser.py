@@ -77,7 +77,6 @@ class ByLaser:
         self._begin(hint.known if turns else {})
 
     def _begin(self, known: Known) -> None:
-        """Begin a pass in either direction."""
         begins = beginnings(Path(way=self._way), known, len(self._routes[OUT]), FAULT)
         self._chain = Chain(self._routes, *begins, signalled=False)
         self._turns, self._taken = bool(known), 0

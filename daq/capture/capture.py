@@ -158,7 +158,6 @@ class Capture:
         return self._as_raised(outcomes) if outcomes else outcomes
 
     def _losses(self, until_ns: float) -> int:
-        """Return the number of losses of the laser's count until a time."""
         return sum(each.watched and each.time_ns <= until_ns for each in self.laser.breaks)
 
     def heed(self, found: Finding) -> list[Finding]:

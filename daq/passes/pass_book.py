@@ -289,7 +289,6 @@ class PassBook:
         return tuple(others.values())
 
     def _way_out(self, setup: str, number: int) -> Route:
-        """Return the route of the way out with the order of a pass."""
         return route_of(self._planned, setup, number - 1 + number % 2)
 
     def _next(self, setup: str, order: str = "", *, outward: bool) -> int:

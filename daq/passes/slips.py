@@ -24,10 +24,10 @@ FEW = 6.0
 LEAST_UM = 1.0
 """Least size of a reported jump in um: machines do not repeat better over a whole diagonal."""
 OWN_STEPS, FEW_OF_AXIS = 4, 3.0
-"""Number of other steps of an axis that shows the scatter of this axis, and the factor of the limit
-for few steps (`_scatter_of_axis`). With both limits, less than 1 % of the pairs of passes of random
-machines of 500 mm to 4 m that repeat to 0.2 to 1.5 um show a false jump (3 % with two increments
-and 1.5 um); without the limits, up to 60 %.
+"""Least number of other steps that determine the scatter of an axis. A limit from n steps is
+1 + `FEW_OF_AXIS` / n times as high. With both limits, less than 1 % of the pairs of passes of
+random machines of 500 mm to 4 m that repeat to 0.2 to 1.5 um show a false jump (3 % with two
+increments and 1.5 um); without the limits, up to 60 %.
 """
 FLOOR_UM = 0.15
 """Least assumed noise in um of a few differences."""

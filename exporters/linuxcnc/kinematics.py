@@ -64,8 +64,8 @@ def control_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[Cont
     """Return the lattice, the source code of the component, its HAL lines, and a note with the
     lines for the INI file.
 
-    The note removes the names of the machine's own files, because COMP_FILEs and coefficients would
-    act in addition to the lattice. The note also widens the limits of the joints. Raises
+    The note lists the machine's own COMP_FILEs and coefficients for removal, because they would act
+    in addition to the lattice. The note also contains wider limits of the joints. Raises
     ``UsageError`` for joint numbers with a gap.
     """
     file = lattice.render(held)

@@ -66,7 +66,7 @@ class Reader:
         self._stop = dict(commanded)
 
     def lines(self, joint: int) -> Iterator[str]:
-        """Yield the rows of a COMP_FILE of type 0 with the added values that were read."""
+        """Yield the rows of a COMP_FILE of type 0 from the compensation in the control."""
         for index, at in enumerate(self.rows[joint]):
             forward, reverse = (at - self.added[joint][index, way] for way in (1, -1))
             yield f"{at:.6f} {forward:.6f} {reverse:.6f}"

@@ -94,7 +94,7 @@ class Effect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """The predicted effect of files ``anywhere`` in the volume, which all figures and refusals use,
+    """The predicted effect of files ``anywhere`` in the volume, which all values and refusals use,
     and at the points that are ``drawn``.
     """
 

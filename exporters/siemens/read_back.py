@@ -5,9 +5,9 @@ The file has the form of a data file, so the reader of the machine's own files c
 appends a line to a file of the passive file system; MD11420 limits the length of this file (NC
 Programming, SINUMERIK ONE, p. 566). This manual does not state how many digits "<<" writes. DELETE
 with a fault variable and a path comes from a published program for the 810D
-(industrialmonitordirect.com, deleting programs with an invalid name). Only == and <> are allowed
-for the type AXIS (Job Planning, 828D, 6FC5398-2BP40-0BA0, p. 66). So the program compares a
-variable with each axis of the machine, and writes the name of the equal axis.
+(industrialmonitordirect.com, deleting programs with an invalid name). The program
+cannot write a variable of type AXIS, which allows only == and <> (Job Planning, 828D,
+6FC5398-2BP40-0BA0, p. 66): it compares the variable with each axis and writes the matching name.
 """
 
 from collections.abc import Iterator, Sequence

@@ -35,8 +35,8 @@ def own_and_zeros(
     profile: Profile,
     place: Callable[[Table], Hashable],
 ) -> tuple[ControlFile, ...]:
-    """Return the machine's own files, and files of zeros for the tables whose ``place`` is in none
-    of them.
+    """Return the machine's own files, and files of zeros for ``tables`` that these files do not
+    contain at the same ``place``.
     """
     zeros = lacking(controller, tables, profile, place)
     rendered = controller.render(zeros, profile, (NO_TABLE_BEFORE,)) if zeros else ()

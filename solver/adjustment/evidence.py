@@ -34,8 +34,7 @@ if its odds are also 20 times those of every other fault (`solver.adjustment.fau
 search is repeated. The explanations that are still probable at the end form the mixture of the
 result (`solver.adjustment.explanations`).
 
-A rejected explanation needs no new fit: its odds are products of the pattern with the existing
-inverse.
+The odds need no new fit with the explanation: the inverse of the fit without it is enough.
 """
 
 from collections.abc import Callable
@@ -93,7 +92,7 @@ DECIMALS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
-    """The figures of c patterns h in the symbols of this module: ``shown`` (c,) = h' V^-1 R y,
+    """Properties of c patterns h, with the symbols of this module: ``shown`` (c,) = h' V^-1 R y,
     ``seen`` (c, c) = h' V^-1 R h, ``whole`` (c,) = h' W h with the weights W. ``moved`` (count,
     c) is the decrease of the unknowns for one unit of each pattern."""
 
@@ -104,7 +103,7 @@ class Response:
 
 
 def response_of(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Response:
-    """Return the figures of patterns (k, c) on the rows ``rows`` (k,) of a fit."""
+    """Return the values of patterns (k, c) on the rows ``rows`` (k,) of a fit."""
     weighted = fit.weight[rows, None] * pattern
     on_all = np.zeros((len(fit.weight), pattern.shape[1]))
     on_all[rows] = weighted
@@ -134,9 +133,9 @@ class Family:
     """Explanations of one kind on the readings ``rows`` (k,), each with one pattern. ``pattern``
     returns the patterns of some explanations, shape (k, p).
 
-    ``shown`` and ``seen`` (c,) are the figures of this module; ``seen`` is 0 for a pattern that the
-    fit cannot separate from its unknowns. ``named`` (c,) is the reading, setup or product of each
-    explanation. ``most`` is the largest possible size.
+    ``shown`` and ``seen`` (c,) are defined above; ``seen`` is 0 for a pattern that the fit cannot
+    separate from its unknowns. ``named`` (c,) is the number of the reading, setup or product that
+    an explanation concerns. ``most`` is the largest possible size.
     """
 
     kind: str

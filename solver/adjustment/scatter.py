@@ -261,9 +261,9 @@ def unshown(found: Scatter, layout: Layout) -> Sequence[str]:
 def separated(layout: Layout) -> NDArray[np.bool_]:
     """Return for every setup whether its readings separate noise from misses, shape (setups,).
 
-    A setup separates them if most of its readings share the last move of an axis with another
-    reading. In a linear run each reading has its own move, so noise and misses have the same
-    pattern.
+    Noise and misses are separable if most readings of the setup share the last move of an axis
+    with another reading. In a linear run each reading has its own move, so noise and misses
+    have the same pattern.
     """
     moved = np.where(layout.direction != 0.0, layout.arrival, -1)
     many = np.bincount(moved[moved >= 0], minlength=1)

@@ -39,7 +39,7 @@ class Candidate:
 
 def doubt_findings(found: Adjustment) -> list[Finding]:
     """Return the finding about an error with several explanations: the candidates, the most
-    probable first, the effect of each on the volume, and the setup whose repetition separates them.
+    probable first, the effect of each on the volume, and the setup whose repetition decides.
 
     Growth of a machine is usual: with growth as a candidate, the finding is returned only if
     compensation would increase the error under one candidate. If the lengths contradict each other,

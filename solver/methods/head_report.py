@@ -1,4 +1,4 @@
-"""The straightness by the 4-DOF head in a result: its figures by three reference lines, and its
+"""The straightness by the 4-DOF head in a result: its values by three reference lines, and its
 comparison with the diagonals.
 
 If head and diagonals contradict each other, either may be wrong, and their mean is wrong. The

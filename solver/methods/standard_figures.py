@@ -1,9 +1,9 @@
-"""The figures of the standards for each setup: ISO 230-2, ASME B5.54 and VDI/DGQ 3441 along axes,
+"""The values of the standards for each setup: ISO 230-2, ASME B5.54 and VDI/DGQ 3441 along axes,
 ISO 230-6 along diagonals.
 
-Figures that include the reversal (B, R, A, and all of VDI/DGQ 3441) require passes in both
+Values that include the reversal (B, R, A, and all of VDI/DGQ 3441) require passes in both
 directions with a common zero of the laser's count (contract 4, column ``zero``). Otherwise these
-figures are omitted, with a finding.
+values are omitted, with a finding.
 """
 
 from collections.abc import Mapping
@@ -77,11 +77,11 @@ def linear_runs(layout: Layout) -> dict[str, SetupRuns]:
 def diagonals(
     layout: Layout, kind: Kind
 ) -> tuple[DiagonalFigures, dict[str, SetupRuns]] | None:
-    """Return the figures along the four diagonals of a kind (body, step) and the runs of each
+    """Return the values along the four diagonals of a kind (body, step) and the runs of each
     diagonal; None unless all four were driven.
 
     Only points on the diagonal are used: the first-order effect of a mirror tilt is zero there
-    (theory 4.2). ISO 230-6 moves all axes together, so the name of the figures of step diagonals
+    (theory 4.2). ISO 230-6 moves all axes together, so the name of the values of step diagonals
     states the difference (`DIAGONAL_STANDARD`).
     """
     found = {
@@ -99,7 +99,7 @@ def diagonals(
 def standards_report(
     layout: Layout, assumed: Assumptions | None = None
 ) -> dict[str, tuple[StandardFigures, ...]]:
-    """Return the figures of each standard in um with ``U`` (k = 2), by setup."""
+    """Return the values of each standard in um with ``U`` (k = 2), by setup."""
     sources = assumed or Assumptions()
     report: dict[str, tuple[StandardFigures, ...]] = {}
     for name, found in linear_runs(layout).items():
@@ -125,7 +125,7 @@ def standards_report(
 
 
 def standards_findings(layout: Layout) -> list[Finding]:
-    """Return the findings about omitted figures, without repetition."""
+    """Return the findings about omitted values, without repetition."""
     along = [
         found for kind in STEPS_A_CYCLE if (found := diagonals(layout, kind)) is not None
     ]

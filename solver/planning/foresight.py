@@ -63,7 +63,7 @@ _NEXT_TO_NONE = 1e-3
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Foresight:
     """The forecast of the results of a survey, from the information of its setups
-    (`solver.planning.information`). Each figure is computed at its first use.
+    (`solver.planning.information`). Each value is computed at its first use.
 
     ``increments`` is the number of increments of the survey; the layout may have fewer increments.
     """

@@ -6,8 +6,8 @@ the unknowns that all setups share: displacements at the nodes, angular function
 stops, wavelength, material. ``f`` are unknowns of one setup with any size: zeros of the counts,
 mirror tilt, drift. ``c`` are unknowns of one setup with a usual size: drift, wander, scale of the
 setup, misses of the moves, waves between the nodes. ``e`` is noise with the variance ``1 / w``. D
-is the precision of f (zero) and c (1 / size^2), and ``W = [N P]``. The information of a setup about
-m is the Schur complement (Searle, Casella, McCulloch 1992, 7.4)
+is diagonal, with 0 for each f and 1 / size^2 for each c; ``W = [N P]``. The information of a setup
+about m is the Schur complement (Searle, Casella, McCulloch 1992, 7.4)
 
     J = A' w A - A' w W (W' w W + D)^-1 W' w A
 

@@ -39,7 +39,7 @@ FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forecast:
-    """The forecast of a planned survey; each figure is computed at its first use.
+    """The forecast of a planned survey; each value is computed at its first use.
 
     ``u`` is the combined standard uncertainty of each quantity in um, urad or um/m, rms over the
     nodes of a function, None if it is not identified. ``angles`` is "solved" if the readings

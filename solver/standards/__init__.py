@@ -1,5 +1,5 @@
-"""Figures of the standards: ISO 230-2 and 230-6, and straightness.
+"""Values of the standards: ISO 230-2 and 230-6, and straightness.
 
-Input: arrays. Output: figures with the symbols of the standards. `fourdof`, `methods` and
+Input: arrays. Output: values with the symbols of the standards. `fourdof`, `methods` and
 `stepdiag` import this package.
 """

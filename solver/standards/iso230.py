@@ -1,4 +1,4 @@
-"""Figures of positioning tests: ISO 230-2, ISO 230-6, ASME B5.54 and VDI/DGQ 3441.
+"""Values of positioning tests: ISO 230-2, ISO 230-6, ASME B5.54 and VDI/DGQ 3441.
 
 None of these standards is public: the formulae are from general knowledge and agree with published
 readings (theory.md 8.1-8.5). ``source_status`` states this in every result and report.
@@ -72,7 +72,7 @@ class PositioningRuns:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositioningFigures:
-    """The figures of one axis or diagonal in um, with the symbols of ISO 230-2. A figure is None
+    """The values of one axis or diagonal in um, with the symbols of ISO 230-2. A value is None
     if the runs do not determine it."""
 
     standard: str
@@ -96,7 +96,7 @@ class PositioningFigures:
     findings: tuple[Finding, ...] = ()
 
     def numbers(self) -> dict[str, float]:
-        """Return the figures that the runs determine, by symbol."""
+        """Return the values that the runs determine, by symbol."""
         named = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in named.items() if isinstance(value, float)}
 
@@ -104,7 +104,7 @@ class PositioningFigures:
 def positioning_figures(
     runs: PositioningRuns, standard: str = "iso-230-2"
 ) -> PositioningFigures:
-    """Return the figures of an axis by a standard in ``COVERAGES`` (theory.md 8.1; B5.54: 8.5).
+    """Return the values of an axis by a standard in ``COVERAGES`` (theory.md 8.1; B5.54: 8.5).
 
     ``R_i = max(k s_up + k s_down + |B_i|, 2 k s_up, 2 k s_down)``: a linear sum, not the root of
     squares.
@@ -139,8 +139,8 @@ def positioning_figures(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagonalFigures:
-    """The figures of ISO 230-6 for each diagonal and for the machine, which has the largest
-    figure of its diagonals."""
+    """The values of ISO 230-6 for each diagonal and for the machine, which has the largest
+    value of its diagonals."""
 
     standard: str
     source_status: str
@@ -152,7 +152,7 @@ class DiagonalFigures:
 
 
 def diagonal_figures(runs: Mapping[str, PositioningRuns]) -> DiagonalFigures:
-    """Return the figures of displacement tests along diagonals (theory.md 8.3); targets are
+    """Return the values of displacement tests along diagonals (theory.md 8.3); targets are
     distances along the diagonal."""
     each = {name: positioning_figures(table) for name, table in runs.items()}
     return DiagonalFigures(
@@ -168,7 +168,7 @@ def diagonal_figures(runs: Mapping[str, PositioningRuns]) -> DiagonalFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VdiFigures:
-    """The figures of VDI/DGQ 3441 in um: position uncertainty P, position deviation Pa, reversal
+    """The values of VDI/DGQ 3441 in um: position uncertainty P, position deviation Pa, reversal
     U, position scatter Ps."""
 
     standard: str
@@ -182,7 +182,7 @@ class VdiFigures:
 
 
 def vdi_3441_figures(runs: PositioningRuns) -> VdiFigures:
-    """Return the figures of VDI/DGQ 3441 (theory.md 8.4). Raises DataError without two runs in
+    """Return the values of VDI/DGQ 3441 (theory.md 8.4). Raises DataError without two runs in
     each direction."""
     s_up, s_down = _scatter(runs.up_um), _scatter(runs.down_um)
     if runs.down_um is None or s_up is None or s_down is None:
@@ -275,8 +275,8 @@ def _accuracy(k: float, *directions: tuple[Vector | None, Vector | None]) -> flo
 
 
 def _largest(values: Sequence[float | None]) -> float | None:
-    """Return the largest value of a figure, or None if a diagonal has no value: a maximum over
-    some diagonals is not a figure of the machine."""
+    """Return the largest value, or None if a diagonal has no value: a maximum over some diagonals
+    is not a value of the machine."""
     known = [value for value in values if value is not None]
     return max(known) if known and len(known) == len(values) else None
 

@@ -1,6 +1,6 @@
-"""The measurement uncertainty of positioning figures, from the sources of ISO/TR 230-9.
+"""The measurement uncertainty of positioning values, from the sources of ISO/TR 230-9.
 
-The report is not public: theory.md 8.7 derives the effect of each source on each figure, and every
+The report is not public: theory.md 8.7 derives the effect of each source on each value, and every
 result states this. Errors proportional to length (laser, alignment, temperature) are equal in all
 runs: they are part of E, M and A and cancel in B and R. Errors that change from run to run
 (environment, noise) are averaged over the runs in E, M and B. R and A also have the uncertainty of
@@ -35,7 +35,7 @@ def expanded_um(
     targets: int,
     sources: RunSources,
 ) -> dict[str, float]:
-    """Return U (k = 2) in um of each figure of ``solver.iso230.PositioningFigures.numbers`` over a
+    """Return U (k = 2) in um of each value of ``solver.iso230.PositioningFigures.numbers`` over a
     length.
 
     ``runs`` are the numbers of upward and downward runs. B is the largest of the reversal values at

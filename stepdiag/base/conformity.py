@@ -3,7 +3,7 @@ conformity (JCGM 106).
 
 A tolerance limits a magnitude: the measurand Y conforms if |Y| is at most T. The distribution of a
 number is normal, with its value and its combined standard uncertainty. The distribution of a skewed
-figure (a length, a range) consists of draws from the posterior.
+value (a length, a range) consists of draws from the posterior.
 
     probability of conformity   p = Pr(-T <= Y <= T | measured)  (JCGM 106:2012, 7)
     conform                     the whole coverage interval (k = 2) is within T
@@ -12,8 +12,8 @@ figure (a length, a range) consists of draws from the posterior.
     not decidable               the interval contains a limit
 
 For a normal Y far from the other limit, "conform" means |y| + U <= T: a machine exactly at the
-limit is accepted in 2.3 % of all surveys. The interval of a volumetric figure comes from
-`base.result.prediction`: 2.3 % of the draws are above it and 0.5 % below it.
+limit is accepted in 2.3 % of all surveys. The interval of a volumetric value
+(`base.result.prediction`) excludes the largest 2.3 % and the smallest 0.5 % of the draws.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -44,8 +44,8 @@ from stepdiag.base.volume import Vector, anywhere_mm
 
 SQUARENESS_URAD = "squareness_urad"
 POSITIONING_UM = {"positioning_e_um": "E", "positioning_a_um": "A"}
-"""Figures of ISO 230-2 that may have a tolerance: the name of the tolerance and the symbol of the
-figure."""
+"""Values of ISO 230-2 that may have a tolerance: the name of the tolerance and the symbol of the
+value."""
 COVERAGE = 2.0
 """Coverage factor of every uncertainty that a person reads (ISO/TR 230-9)."""
 Unit = Literal["um", "urad"]
@@ -80,8 +80,8 @@ def verdict_of(low: float | None, high: float | None, tolerance: float) -> Verdi
 
 
 def together(verdicts: Iterable[Verdict]) -> Verdict:
-    """Return the verdict about a machine: not conform if one of its figures is not conform, conform
-    if all figures are conform."""
+    """Return the verdict about a machine: not conform if one of its values is not conform, conform
+    if all values are conform."""
     found = set(verdicts)
     if "not_conform" in found:
         return "not_conform"
@@ -136,7 +136,7 @@ def _compensated(result: Result) -> Result:
     """Return the result after an ideal compensation: every identified squareness and displacement
     function is zero within its u.
 
-    A table removes no angular error. The figures E and A of the returned result do not contain the
+    A table removes no angular error. The values E and A of the returned result do not contain the
     reversal.
     """
     errors = {
@@ -153,7 +153,7 @@ def _compensated(result: Result) -> Result:
 def judged_volume(
     tolerance: Mapping[str, float], figures: FieldFigures | None
 ) -> tuple[Judged, ...]:
-    """Return the verdicts about the volumetric figures that have a tolerance. ``figures`` is None
+    """Return the verdicts about the volumetric values that have a tolerance. ``figures`` is None
     for a survey of less than three axes."""
     intervals = (None, None) if figures is None else (figures.rms_um, figures.largest_um)
     pairs = zip((VOLUMETRIC_RMS, VOLUMETRIC_LARGEST), intervals, strict=True)

@@ -1,4 +1,4 @@
-"""The chain of custody from a certificate back to the logs: every link is checked, and every figure
+"""The chain of custody from a certificate back to the logs: every link is checked, and every value
 is computed again.
 
     certificate -> laboratory's file, result,      by SHA-256
@@ -73,7 +73,7 @@ class BrokenLinkError(Exception):
 
 
 class Verified(NamedTuple):
-    """Outcome of a verification: number of valid links and of valid figures, and the first broken
+    """Outcome of a verification: number of valid links and of valid values, and the first broken
     link, None if all links are valid.
 
     ``signed``: the certificate contains a signature, which this verification does not test.

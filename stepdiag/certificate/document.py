@@ -261,7 +261,7 @@ def _contact(name: str, place: Place, known: str = "") -> ET.Element:
 
 
 def _statement(one: Judged, state: str) -> ET.Element:
-    """Return the statement of conformity about one figure. An undecided figure has a conditional
+    """Return the statement of conformity about one value. An undecided value has a conditional
     pass or fail (ILAC-G8), by the side of the limit on which its value is."""
     name = {
         language: f"{catalogue('report', language)[state]}: {quantity_words(one, language)}"

@@ -1,4 +1,4 @@
-"""The figures of a result in SI units, each with its name, U and unit; all figures of the
+"""The values of a result in SI units, each with its name, U and unit; all values of the
 certificate come from here."""
 
 from collections.abc import Iterator, Sequence
@@ -90,7 +90,7 @@ def _figure(
 
 
 def figures_of(result: Result) -> Iterator[Figure]:
-    """Yield every identified figure of a result: functions, reversals, squareness, scales, figures
+    """Yield every identified value of a result: functions, reversals, squareness, scales, values
     of standards, volume.
 
     Each displacement function has a covariance over its travel; the three squarenesses have a
@@ -166,7 +166,7 @@ def _covariance(result: Result, names: Sequence[str]) -> tuple[tuple[str, ...], 
 
 
 def predicted_figures(result: Result) -> Iterator[Figure]:
-    """Yield the volumetric figures predicted after an ideal compensation."""
+    """Yield the volumetric values predicted after an ideal compensation."""
     if result.predicted is not None:
         yield from _volume("predicted ", result.predicted.without_rigid_motion["after"])
 
@@ -186,7 +186,7 @@ def _standards(result: Result) -> Iterator[Figure]:
 
 
 def _volume(when: str, figures: FieldFigures) -> Iterator[Figure]:
-    """Yield the volumetric figures with the ends of their intervals instead of U, because their
+    """Yield the volumetric values with the ends of their intervals instead of U, because their
     distribution is skewed."""
     both: tuple[tuple[str, Interval], ...] = (
         ("volumetric rms", figures.rms_um),

@@ -1,12 +1,12 @@
 """Theory of operation: changes of a machine between its surveys.
 
-The figures of a quantity at N nodes in T surveys are
+The values of a quantity at N nodes in T surveys are
 
     y[t, n] = level[n] + sum_j a_j[n] g_j(t) + common[n] + e[t, n],      e ~ normal(0, u_own[t, n])
 
 - ``u_own`` is the own uncertainty of each survey: its combined uncertainty less the part common to
   all surveys with the same instruments (unmeasured angles, wavelength, sensors). The common part
-  shifts all figures equally; it is added again when a figure is compared with a tolerance. A survey
+  shifts all values equally; it is added again when a value is compared with a tolerance. A survey
   with other instruments has another common part, which is added to its ``u_own``.
 - ``u_own`` is widened by the whole machine's scatter beyond U, up to `LARGEST_SCATTER` times u: the
   median of all differences between neighbouring surveys, less the part explained by ``u_own``. A
@@ -66,7 +66,7 @@ TOO_ALIKE = 1e-9
 subtraction, is less than this share of the weights."""
 SEASON_YEARS, SEASON_SURVEYS = 1.0, 6
 """Period of a season in years, and the least number of surveys for a season: the surveys must
-contain more figures than the season has unknowns."""
+contain more values than the season has unknowns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -407,7 +407,6 @@ def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
 
 
 def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]) -> Sentence:
-    """Return the next action: the one that all other actions require."""
     if counts["error"]:
         return Sentence(key="next_error")
     usable = [each for each in exports if not each.refused]

@@ -25,7 +25,7 @@ in the file cause it."""
 def judged_in(result: Result, exported: Reach | None = None) -> Conformity | None:
     """Return the conformity of a result, None without a tolerance.
 
-    For the files of an export, only the volumetric figures are predicted, because a file can leave
+    For the files of an export, only the volumetric values are predicted, because a file can leave
     out a function.
     """
     if (
@@ -45,7 +45,7 @@ def judged_in(result: Result, exported: Reach | None = None) -> Conformity | Non
 
 
 def verdict_sentences(found: Conformity | None) -> Iterator[Sentence]:
-    """Yield the verdict about the machine and about every figure, as found and as predicted;
+    """Yield the verdict about the machine and about every value, as found and as predicted;
     nothing without a tolerance."""
     for state in STATES if found is not None else ():
         judged: tuple[Judged, ...] = getattr(found, state)
@@ -75,7 +75,7 @@ def _sentence(one: Judged) -> Sentence:
 
 
 def even_of(one: Judged) -> str:
-    """Return a figure with a symmetric interval as value and U; empty for a skewed or unknown
+    """Return a value with a symmetric interval as value and U; empty for a skewed or unknown
     interval."""
     if (
         one.value is None
@@ -88,7 +88,7 @@ def even_of(one: Judged) -> str:
 
 
 def interval_of(one: Judged) -> tuple[str, str]:
-    """Return the ends of a figure's coverage interval as texts; empty if unknown."""
+    """Return the ends of a value's coverage interval as texts; empty if unknown."""
     if one.low is None or one.high is None:
         return "", ""
     low, high = Interval(value_um=one.value or 0.0, low_um=one.low, high_um=one.high).shown()

@@ -234,7 +234,6 @@ def _survey_label(trend: Trend, point: Point, language: Language) -> str:
 
 
 def _band(point: Point) -> tuple[float, float]:
-    """Return the ends of a figure at k = 2."""
     if math.isfinite(point.low):
         return point.low, point.high
     expanded = 2 * (point.u or 0.0)

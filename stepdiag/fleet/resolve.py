@@ -57,7 +57,7 @@ PATIENCE_S = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solved:
-    """The outcome of solving a survey again. ``changed`` contains the changed figures. ``reason``
+    """The outcome of solving a survey again. ``changed`` contains the changed values. ``reason``
     is the reason of a missing result, or the survey file that replaced the one in the logs."""
 
     place: Place

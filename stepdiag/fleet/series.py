@@ -38,7 +38,7 @@ class Survey:
 
 
 class Point(NamedTuple):
-    """The figure of a quantity in a survey. ``u`` is None if no uncertainty is known; ``low`` and
+    """The value of a quantity in a survey. ``u`` is None if no uncertainty is known; ``low`` and
     ``high`` are NaN for a symmetric interval."""
 
     survey: Survey
@@ -52,7 +52,7 @@ class Point(NamedTuple):
         return self.survey.time
 
     def interval(self) -> tuple[float, float]:
-        """Return the least and the largest magnitude of the figure at k = 2; both are the magnitude
+        """Return the least and the largest magnitude of the value at k = 2; both are the magnitude
         of the value if no uncertainty is known."""
         if math.isfinite(self.low) and math.isfinite(self.high):
             return self.low, self.high
@@ -66,7 +66,7 @@ class Series:
     shapes (surveys, nodes), NaN for missing values.
 
     ``common`` is the share of u that is common to surveys with the same instruments. ``shown``
-    contains the figures for people: value, u, low, high. ``other`` is the reason why these surveys
+    contains the values for people: value, u, low, high. ``other`` is the reason why these surveys
     are separate from other surveys of the machine, None for the compared surveys.
     """
 
@@ -170,14 +170,14 @@ def _doubt(survey: Survey, now: datetime) -> Message | None:
 
 
 def middle_of(shown: Array) -> Array:
-    """Return the figures for the comparison, shape (surveys, 1): the middle of an interval, or
-    without an interval the figure (value, u, low, high)."""
+    """Return the values for the comparison, shape (surveys, 1): the middle of an interval, or
+    without an interval the value (value, u, low, high)."""
     middle = shown[:, 2:].mean(axis=1)
     return np.where(np.isfinite(middle), middle, shown[:, 0])[:, None]
 
 
 def by_volume(series: Series) -> Iterator[Series]:
-    """Yield the series of a volumetric figure, one per measured volume, the series of the newest
+    """Yield the series of a volumetric value, one per measured volume, the series of the newest
     survey first."""
     left = list(range(len(series.surveys)))
     newest = series.surveys[-1].standing

@@ -3,11 +3,11 @@ completely, once, and never changed.
 
     stepdiag-store.json                            which layout
     machine=<id>/year=<y>/<survey>/...             the files of a survey; archived.json
-    machine=<id>/year=<y>/<survey>.parquet         its figures; a survey is complete with this file
+    machine=<id>/year=<y>/<survey>.parquet         its values; a survey is complete with this file
     machine=<id>/year=<y>/<survey>@<software>/...  solved again, with its .parquet
-    series.index                                   all figures, for speed
+    series.index                                   all values, for speed
 
-A hash protects every byte behind a figure. `archived.json` contains the hashes of the survey's
+A hash protects every byte behind a value. `archived.json` contains the hashes of the survey's
 files and of its table in a canonical form, so every changed byte of this file is detected. The
 index begins with the hash of its remaining bytes.
 

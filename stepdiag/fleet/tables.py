@@ -1,6 +1,6 @@
 """The rows of a result as a Parquet file, and the index of many results.
 
-A row of the index is a quantity in a survey: its nodes in three lists, and its figure. The figure
+A row of the index is a quantity in a survey: its nodes in three lists, and its value. The value
 of a function is its range, with the uncertainty of the difference of its extremes.
 """
 
@@ -78,14 +78,14 @@ INDEX_SCHEMA = pa.schema(
         (PLACE, _WORD),
     ]
 )
-"""Columns of the index. ``value``, ``u``, ``low``, ``high``: the figures for people. ``common``:
+"""Columns of the index. ``value``, ``u``, ``low``, ``high``: the values for people. ``common``:
 the share of u common to surveys with the same instruments."""
 MOST_ROWS = 300_000
 """Largest number of rows of a survey's table. A survey with every kind of setup has a few thousand
 rows, a single axis at most as many as its readings."""
 MOST_POINTS_A_SURVEY = 100
 """Largest number of rows of a survey in the index. A result has 18 functions, 3 squarenesses, 3
-scales and 2 figures of the volume: 26 quantities."""
+scales and 2 values of the volume: 26 quantities."""
 LARGEST_POINT_BYTES = 4000
 """Largest size in bytes of a row of the index: the conditions of the survey, and for a function
 three numbers per node."""

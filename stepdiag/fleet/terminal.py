@@ -43,7 +43,7 @@ HEADER = (
 
 
 def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
-    """Return a table with one row per series: the last figure with its U, the trend, the time of
+    """Return a table with one row per series: the last value with its U, the trend, the time of
     leaving the tolerance.
 
     Unless ``whole``, the table contains only the volumetric error of every machine and the series
@@ -95,7 +95,7 @@ def _figure(point: Point, unit: str) -> str:
 
 
 def leaves(trend: Trend) -> str:
-    """Return the verdict about the last figure, and the time at which the series leaves its
+    """Return the verdict about the last value, and the time at which the series leaves its
     tolerance."""
     if trend.conformity is None:
         return "-"
@@ -117,7 +117,7 @@ def _day_of_leaving(trend: Trend) -> str:
 
 
 def as_csv(trends: Sequence[Trend]) -> str:
-    """Return one row per figure of the series, with U at k = 2."""
+    """Return one row per value of the series, with U at k = 2."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(HEADER)

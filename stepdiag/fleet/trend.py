@@ -1,7 +1,7 @@
-"""Changes of each machine of a store, their time and cause, and the time at which a figure leaves
+"""Changes of each machine of a store, their time and cause, and the time at which a quantity leaves
 its tolerance.
 
-`stepdiag.comparing.evolution` contains the model of a machine over time. A figure has a date of
+`stepdiag.comparing.evolution` contains the model of a machine over time. A quantity has a date of
 leaving its tolerance only if an accepted line leads towards the tolerance.
 """
 
@@ -59,8 +59,8 @@ class Leaving:
 class Trend:
     """The trend of a series.
 
-    ``outside`` states whether the last figure is outside its tolerance: "yes", "perhaps" or "no",
-    None without a tolerance. A figure without uncertainty is "perhaps" outside.
+    ``outside`` states whether the last value is outside its tolerance: "yes", "perhaps" or "no",
+    None without a tolerance. A value without uncertainty is "perhaps" outside.
     """
 
     series: Series
@@ -75,7 +75,7 @@ class Trend:
 
     @property
     def conformity(self) -> Conforming | None:
-        """Return the verdict about the last figure by ISO 14253-1; None without a tolerance."""
+        """Return the verdict about the last value by ISO 14253-1; None without a tolerance."""
         return None if self.outside is None else CONFORMITY[self.outside]
 
     @property
@@ -198,7 +198,7 @@ def _own(series: Series) -> Array:
 
 
 def rank(trend: Trend) -> tuple[int, float]:
-    """Return a measure of the last figure of a trend: first whether the figure exceeds its
+    """Return a measure of the last value of a trend: first whether the value exceeds its
     tolerance, then its ratio to the tolerance, or without a tolerance its ratio to U."""
     last = trend.last
     scale = trend.tolerance or 2 * (last.u or 0.0)
@@ -288,7 +288,7 @@ def _outside(last: Point, tolerance: float) -> str:
 
 
 def already_perhaps(trend: Trend) -> bool:
-    """Return whether the interval of the last figure extends beyond the tolerance, so that no
+    """Return whether the interval of the last value extends beyond the tolerance, so that no
     future date can be given."""
     likely = None if trend.leaving is None else trend.leaving.likely
     return trend.outside == "perhaps" and (likely is None or likely <= trend.last.time)

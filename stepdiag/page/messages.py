@@ -1,7 +1,7 @@
 """Messages between the recording process and the page's process: a pipe in each direction, each
 message preceded by its length.
 
-The page has only three requests: for a snapshot, for the figures, and for a command from a list.
+The page has only three requests: for a snapshot, for the metrics, and for a command from a list.
 Nothing else in the page's process can affect the recording.
 """
 
@@ -52,7 +52,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Counted(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """The daemon's figures for Prometheus."""
+    """The daemon's metrics for Prometheus."""
 
     number: int
     figures: Figures
@@ -75,7 +75,7 @@ class Order(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class Count(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """A request for the daemon's figures for Prometheus."""
+    """A request for the daemon's metrics for Prometheus."""
 
     number: int
 

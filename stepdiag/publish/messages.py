@@ -112,7 +112,7 @@ class ResultMessage(
     sha256: str
     rows: tuple[Row, ...]
     conformity: tuple[Judged, ...] = ()
-    """The verdicts about every figure with a tolerance, as found; empty without a tolerance."""
+    """The verdicts about every value with a tolerance, as found; empty without a tolerance."""
 
 
 Message = Online | State | Findings | ResultMessage

@@ -42,7 +42,7 @@ POSITIONING_FIGURES = {
     "R": "R",
     "A": "A",
 }
-"""The figures of ISO 230-2 by their names in `solver.standards.iso230`, in the notation of the
+"""The values of ISO 230-2 by their names in `solver.standards.iso230`, in the notation of the
 standard."""
 MOST_ROWS = 200
 """Largest number of rows of a table; a result of another program can contain more."""
@@ -268,7 +268,7 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
 def positioning_table(
     standards: Standards, words: Mapping[str, str], language: Language
 ) -> Table | None:
-    """Return a table of the figures of ISO 230-2 and ISO 230-6 along axes and diagonals, with one
+    """Return a table of the values of ISO 230-2 and ISO 230-6 along axes and diagonals, with one
     row per setup and U (k = 2) where known.
 
     ``standards`` is the entry of the result; columns without a known value are left out. A row
@@ -309,7 +309,7 @@ def _standard(name: str, words: Mapping[str, str]) -> str:
 
 
 def positioning_lengths(standards: Standards, words: Mapping[str, str]) -> str:
-    """Return the kind of lengths (as measured, at 20 C) of all figures along axes and diagonals;
+    """Return the kind of lengths (as measured, at 20 C) of all values along axes and diagonals;
     empty if unknown or different."""
     lengths = {
         text for found in standards.values() if found and (text := _lengths(found[0], words))
@@ -332,14 +332,14 @@ VDI_FIGURES = {
     "Ps_max": "Ps max",
     "Ps_mean": "P̅s",
 }
-"""The figures of VDI/DGQ 3441 by their names in `solver.standards.iso230`. The figure U of this
+"""The values of VDI/DGQ 3441 by their names in `solver.standards.iso230`. The value U of this
 standard is the reversal, not an uncertainty."""
 
 
 def vdi_table(
     standards: Standards, words: Mapping[str, str], language: Language
 ) -> Table | None:
-    """Return a table of the figures of VDI/DGQ 3441, one row for each run with these figures; None
+    """Return a table of the values of VDI/DGQ 3441, one row for each run with these values; None
     without such runs."""
     rows = []
     for name, found in list(standards.items())[:MOST_ROWS]:

@@ -4,8 +4,8 @@ they accept their first client.
 There are two walls, because each has gaps that the other closes. A filter of system calls
 (`stepdiag.walls.seccomp`), which every supported kernel has, forbids kinds of calls: signals,
 limits and priorities of other processes, new sockets, new processes, writing. Landlock
-(landlock(7)) limits the objects of a call: the files to read, and in later versions also TCP,
-devices, signals and abstract sockets. Limits on the process itself (setrlimit(2)) close the
+(landlock(7)) limits the files that a process can read, and in later versions also TCP, devices,
+signals and abstract sockets. Limits on the process itself (setrlimit(2)) close the
 remaining gaps. The process reports every wall that the kernel refuses.
 """
 

@@ -438,7 +438,7 @@ def test_a_log_that_names_a_file_it_does_not_bring_costs_that_export_alone(tmp_p
 def test_notes_that_no_recorder_wrote_are_refused(tmp_path: Path, note: bytes):
     log = tmp_path / "0001.mcap"
     log.write_bytes(log_of(contents(recorded()) + b"\n/machine/stop " + note))
-    with pytest.raises(DataError, match="captured stops in the form of the recorder"):
+    with pytest.raises(DataError, match="captured stops in the format of a log"):
         noted_stops(log)
 
 

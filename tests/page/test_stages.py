@@ -171,8 +171,8 @@ def test_what_a_pass_lost_stays_on_the_card_while_the_next_one_runs(tmp_path: Pa
     )
     assert (
         words(found.advice)
-        == "npp, pass 2: Y moves. Keep the beam free. Afterwards: Repeat npp, pass 1 out, from "
-        "stop 27."
+        == "The machine drives npp, pass 2: Y moves. Keep the beam free. Afterwards: "
+        "Repeat npp, pass 1 out, from stop 27."
     )
     assert headline(snapshot(tmp_path, **RUNNING, to_drive=drives[1:])).stage == "drive"
 
@@ -183,7 +183,7 @@ def test_the_card_asks_nobody_for_what_the_viewer_cannot_do(
 ) -> None:
     """Start and the choice of a setup are orders: without the token the card names neither."""
     view = now_view(snapshot(tmp_path, **fields))
-    assert any(order in words(view["advice"]) for order in ("Press start", "choose a setup"))
+    assert any(order in words(view["advice"]) for order in ("Press Start", "choose a setup"))
     assert not any(order in words(view["watching"]) for order in ("Press", "choose"))
 
 
@@ -335,10 +335,10 @@ def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None
         "Durchgang",
     }
     assert view["message"] == {
-        "en": "export for siemens refused: p.toml: axes.X.step_mm: expected 57.5 mm, found 60 mm "
-        "[x]",
-        "de": "Export für siemens abgelehnt: p.toml: axes.X.step_mm: erwartet war 57,5 mm, "
-        "gefunden 60 mm [x]",
+        "en": "the export for siemens was refused: p.toml: axes.X.step_mm: expected 57.5 mm, "
+        "found 60 mm [x]",
+        "de": "der Export für siemens wurde abgelehnt: p.toml: axes.X.step_mm: erwartet war "
+        "57,5 mm, gefunden 60 mm [x]",
     }
     assert (
         view["findings"][0]["sentence"]["de"]

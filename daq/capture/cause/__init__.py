@@ -37,7 +37,7 @@ no cause over a whole pass, two or three explained by a common line are.
 Decision. From the third standstill on, a cause is named when it is e^`FAILURE` times as likely as a
 right file and as every cause that changes another line, so that one failed observation cannot name
 a cause, and when the laser has confirmed two of its steps. Of two causes with equal fit, neither is
-named as the cause: a finding states both lines and the next move that separates them. A pass is
+named as the cause: a finding states both lines and the next move that decides. A pass is
 judged again at each standstill; the judgement ends after `LAST` standstills, or, if the steps fit
 the survey file, as soon as every axis has moved. One pair of causes stays open until the pass ends:
 without positions a pass that begins at its second stop makes the steps of another order of axes.

@@ -279,7 +279,7 @@ def _is_alike(found: Finding) -> bool:
 
 
 def _alike(one: Cause, other: Cause, stops: int) -> Finding:
-    """Return the finding of two causes with equal fit, with the next move that separates them."""
+    """Return the finding of two causes with equal fit, with the next move that decides."""
     first, second = (
         message("line-is", line=each.changes[0][0], value=each.changes[0][1])
         for each in (one, other)

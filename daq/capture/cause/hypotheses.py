@@ -259,7 +259,6 @@ class Library:
         return *hint.numbers, *hint.others
 
     def _number(self, setup: str, *, outward: bool = True) -> int:
-        """Return the number of the next pass of a setup."""
         return self._numbers(setup)[0 if outward else 1]
 
     def _map_causes(self, route: Route, shown: Matrix) -> Iterator[Cause]:
@@ -409,7 +408,6 @@ def laser_change(survey: Survey, factor: float) -> Change:
 
 
 def _resized(plan: Plan, axis: int, length_mm: float) -> Plan:
-    """Return the plan with another length of one axis of the box."""
     x_mm, y_mm, z_mm = (
         length_mm if each == axis else value for each, value in enumerate(plan.volume.size_mm)
     )

@@ -162,7 +162,6 @@ class Chain:
         return self.best
 
     def _following(self, path: Path, look: Look) -> Iterator[Path]:
-        """Yield the extensions of a path."""
         route = self._routes[path.way]
         if look.lost:
             path = replace(path, known={}, left_mm=None, names=())

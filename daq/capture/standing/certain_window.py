@@ -119,8 +119,8 @@ def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Tak
 
 
 def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | None:
-    """Return the window, with the mean of the stream, over a part of a dwell; None if the part has
-    no usable sample.
+    """Return the window that a part of a dwell contributes, with its mean; None if the part has no
+    usable sample.
 
     The first ``settle_s`` are left out. If the readings are not steady yet, later and shorter
     windows are tried, down to the shortest allowed length. A step after ``settle_s``, or a frozen
@@ -184,8 +184,8 @@ def _goes_on(window: Window, whole: Window, rules: StopRules) -> bool:
 def take(
     span: Span, from_ns: float, to_ns: float, rules: StopRules, resolution_um: float
 ) -> Taken | None:
-    """Return the window of a span of readings: statistics, bounds, and the reason why it is not
-    steady; None if the span has too few samples.
+    """Return the window of all readings in a span, with its statistics, bounds and doubts; None if
+    the span has too few samples.
     """
     if len(span.time_ns) < LEAST_SAMPLES:
         return None

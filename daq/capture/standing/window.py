@@ -375,7 +375,6 @@ def _squares_of_a_line(blocks: NDArray[np.float64]) -> float:
 
 
 def _longest_run(position_mm: NDArray[np.float64]) -> int:
-    """Return the largest number of consecutive equal readings."""
     changes = np.flatnonzero(np.diff(position_mm))
     edges = np.concatenate(([-1], changes, [len(position_mm) - 1]))
     return int(np.max(np.diff(edges))) if len(position_mm) else 0

@@ -177,8 +177,7 @@ def explain(
         shift, fit = min(elsewhere, key=lambda each: each[1].left())
         return Explained("beside-volume", fit, shift_mm=shift)
     sized = [fit for fit in own if fit.left_scaled <= SHAPED and fit.is_large]
-    # The shapes of two slopes differ only by rounding, so among equal explanations the
-    # smallest residual of the table decides.
+    # The shapes of two slopes differ only by rounding: the smallest residual decides.
     if sized:
         best = min(sized, key=lambda fit: (round(fit.left_scaled, 3), fit.left()))
         return Explained("scaled", best)

@@ -1,4 +1,4 @@
-"""A predicted figure as an interval (k = 2), and its notation."""
+"""A predicted value as an interval (k = 2), and its notation."""
 
 import math
 from dataclasses import dataclass
@@ -8,15 +8,15 @@ from stepdiag.base.messages import Message, message
 from stepdiag.base.result.typed import Maybe, Named
 
 When = Literal["before", "after"]
-"""State of the machine to which a figure belongs: before or after compensation."""
+"""State of the machine to which a value belongs: before or after compensation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """A figure in um. ``low_um`` and ``high_um`` are None if its uncertainty is unknown (results of
+    """A value in um. ``low_um`` and ``high_um`` are None if its uncertainty is unknown (results of
     version 1).
 
-    ``within`` is the probability that the figure is at most its tolerance (JCGM 106), None without
+    ``within`` is the probability that the value is at most its tolerance (JCGM 106), None without
     a tolerance.
     """
 
@@ -64,19 +64,19 @@ class FieldFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Predicted:
-    """The predicted figures of the volume before and after compensation, with and without the rigid
+    """The predicted values of the volume before and after compensation, with and without the rigid
     motion of the whole volume."""
 
     without_rigid_motion: dict[When, FieldFigures]
     as_it_is: dict[When, FieldFigures]
 
     def parts(self) -> dict[str, dict[When, FieldFigures]]:
-        """Return the figures without and with rigid motion, by their names for a person."""
+        """Return the values by the printed name of their part."""
         return {"without rigid motion": self.without_rigid_motion, "as it is": self.as_it_is}
 
 
 def decimals_of(um: float) -> int:
-    """Return the number of decimals for a figure in um: two digits, at most one decimal."""
+    """Return the number of decimals for a value in um: two digits, at most one decimal."""
     return 0 if abs(um) >= 9.95 else 1
 
 

@@ -14,7 +14,7 @@ Axis = Literal["X", "Y", "Z"]
 Lengths = Literal["as_measured", "at_20_c"]
 OptionalText = Annotated[str, OPTIONAL]
 Verdict = Literal["conform", "not_conform", "not_decidable"]
-"""Verdict by ISO 14253-1 about a figure or a machine."""
+"""Verdict by ISO 14253-1 about a value or a machine."""
 Range = tuple[float, float]
 """Least and largest value of a sensor."""
 Triple = tuple[float, float, float]
@@ -113,10 +113,10 @@ class Conditions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """A figure and its tolerance (`base.conformity`): ends of its coverage interval (k = 2),
+    """A value and its tolerance (`base.conformity`): ends of its coverage interval (k = 2),
     probability of conformity, verdict.
 
-    ``tolerance`` limits the magnitude. An unidentified figure is None and not decidable.
+    ``tolerance`` limits the magnitude. An unidentified value is None and not decidable.
     """
 
     quantity: str
@@ -131,7 +131,7 @@ class Judged:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conformity:
-    """The verdicts about every figure with a tolerance as found, and about the volumetric figures
+    """The verdicts about every value with a tolerance as found, and about the volumetric values
     predicted after an ideal compensation."""
 
     as_found: tuple[Judged, ...]
@@ -344,11 +344,11 @@ class CoverageFactor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StandardFigures:
-    """The figures of a standard for a setup or a set of diagonals (``_d``), in um. The fields have
+    """The values of a standard for a setup or a set of diagonals (``_d``), in um. The fields have
     the symbols of the standard.
 
-    A figure is None if the runs do not determine it or the standard does not define it. ``U``
-    contains expanded uncertainties (k = 2) by figure.
+    A value is None if the runs do not determine it or the standard does not define it. ``U``
+    contains expanded uncertainties (k = 2) by value.
     """
 
     standard: str

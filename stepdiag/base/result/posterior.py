@@ -5,7 +5,7 @@ with unit variance.
 
 A mode is a deviation of the whole machine: functions and squarenesses that change together because
 of a common cause. ``rest`` contains the small or isolated deviations, whose values vary
-independently. The intervals of all volumetric figures are computed from the posterior.
+independently. The intervals of all volumetric values are computed from the posterior.
 
 The last modes belong to causes of unknown size. Several sizes are equally likely. For each size,
 the amount of such a mode is ``shift + scale z`` instead of z, with a mean square of one over all

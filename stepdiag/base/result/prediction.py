@@ -253,7 +253,7 @@ class _Machines(NamedTuple):
         beside_um: Vector,
         tolerance: Mapping[str, float],
     ) -> FieldFigures:
-        """Return the figures of the whole volume. ``moved_um2`` (draws,) is the square sum of the
+        """Return the values of the whole volume. ``moved_um2`` (draws,) is the square sum of the
         effect of all deviations but the offset. ``beside_um`` (draws, N, 3) is this effect plus the
         drawn deviations between the targets (`Between.drawn_um`)."""
         rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)

@@ -128,7 +128,6 @@ def _frame(horizontal: Scale, vertical: Scale, x_label: str, y_label: str) -> li
 
 
 def _runs(mask: NDArray[np.bool_]) -> list[slice]:
-    """Return the slices in which ``mask`` is true without a gap."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 

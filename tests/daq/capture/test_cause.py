@@ -53,7 +53,7 @@ def corrected_in_place(shop, found, tmp_path):
     assert {path.name: path.read_bytes() for path in (place / "0001").glob("*.mcap")} == logs
     assert stepdiag("correct", file, "--yes").out.startswith("nothing to correct")
     assert (
-        f"corrected: {found.wanted} whole passes" in told.out or shop.expands
+        f"corrected: {found.wanted} complete passes" in told.out or shop.expands
     )  # which concerns the solver alone
     return place / "0001"
 

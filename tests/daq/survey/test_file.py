@@ -131,7 +131,7 @@ def test_sections_reach_their_places(tmp_path: Path) -> None:
         ("[page]\nenabled = 1", "survey.toml: page.enabled: expected true or false, found 1"),
         (
             "[stop]\nsettle_s = nan",
-            "survey.toml: stop.settle_s: expected a number of 0 or more, found NaN",
+            "survey.toml: stop.settle_s: expected a number of at least 0, found NaN",
         ),
         (
             "[machine]\nexpansion_um_m_c = [1, 2]",
@@ -372,7 +372,7 @@ def test_a_volume_that_reads_like_metres_is_refused() -> None:
     metres = SMALLEST.replace("size_mm = [500, 400, 300]", "size_mm = [0.5, 0.4, 0.3]")
     assert metres != SMALLEST
     with pytest.raises(
-        UsageError, match=r"volume\.size_mm: expected lengths in mm.*looks like metres"
+        UsageError, match=r"volume\.size_mm: expected lengths in mm.*seems to be in metres"
     ):
         parse_survey(metres, "s")
 

@@ -25,10 +25,10 @@ def test_a_survey_driven_once_is_told_the_slip_that_the_plan_foresees(n):
     # two increments check each other little: a slip stands out of four degrees of freedom
     assert 2.0 < ahead.unseen.half_um < (60.0 if n == 2 else 20.0)
     assert (
-        f"a slip of the laser's count of {ahead.unseen.half_um:.2g} µm could hide"
+        f"a slip of the laser's count of {ahead.unseen.half_um:.2g} µm in a diagonal could stay"
         in said.text
     )
-    assert f"make {ahead.unseen.volume_um:.2g} µm of the volume's errors" in said.text
+    assert f"cause {ahead.unseen.volume_um:.2g} µm of the volume's errors" in said.text
     assert "return_pass = true" in said.text
 
 
@@ -54,8 +54,8 @@ def test_targets_a_whole_number_of_turns_apart_are_named():
     (said,) = hidden_waves(with_pitch(10.0, (500.0, 430.0, 350.0), 10))
     assert (said.code, said.severity) == ("plan-hides", "info")
     assert (
-        "steps of x 50 mm, z 35 mm do not show waves of the screw's pitch of 10 mm; increments = "
-        "11 shows them" in said.text
+        "with steps of x 50 mm, z 35 mm, the targets do not show waves of the screw's pitch of "
+        "10 mm; set increments = 11 to" in said.text
     )
 
 
@@ -66,7 +66,7 @@ def test_runs_with_targets_of_their_own_show_the_waves_of_their_axis():
         plan=msgspec.structs.replace(survey.plan, setups=(*FOUR, "linear-x"), targets=40),
     )
     (said,) = hidden_waves(fine)
-    assert "steps of z 35 mm do not show" in said.text
+    assert "with steps of z 35 mm, the targets do not show" in said.text
 
 
 @pytest.mark.parametrize(

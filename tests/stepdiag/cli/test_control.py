@@ -274,7 +274,7 @@ class TestVerify:
         )
         assert "cec: a positive value moves the axis in - (as-error)" in told.out
         assert (
-            "the figures do not include them: the scale of X, the scale of Y, the scale of Z"
+            "computed errors do not include them: the scale of X, the scale of Y, the scale of Z"
             in told.out
         )
         assert "worse-after" not in told.out
@@ -299,8 +299,8 @@ class TestVerify:
         )
         for told in (exported, stepdiag("verify", said, tmp_path / "out", "--verbose")):
             assert (
-                "U (k = 2) assumes these sizes for errors that the readings do not determine: "
-                "angular errors over 7 µrad" in told.out
+                "U (k = 2) assumes these sizes for errors that the readings do not determine. "
+                "Machine: angular errors over 7 µrad" in told.out
             )
 
     def test_files_with_the_wrong_sign_are_named(self, result, tmp_path):

@@ -166,7 +166,7 @@ def test_what_nothing_has_measured_is_refused_and_the_next_command_named(tmp_pat
     file = parse_head_file((tmp_path / "part.toml").read_bytes(), "part.toml")
     assert file.measured["qd.x"].by == "fourdof calibrate"
     with pytest.raises(
-        DataError, match=r"stability: qd.y: expected a field that a command measured"
+        DataError, match=r"stability: qd.y: expected a measured value in this field"
     ):
         fourdof(
             "stability", wobble, "--calibration", tmp_path / "part.toml", "--distance-mm", 300

@@ -261,8 +261,8 @@ class TestPlan:
         assert "diagonal X+Y-Z- to X-Y+Z+ (npp)" in told.out
         assert "BEST SURVEY" in told.out
         assert (
-            "U (k = 2) assumes these sizes for errors that the readings do not determine: "
-            "angular errors over 15 µrad" in told.out
+            "U (k = 2) assumes these sizes for errors that the readings do not determine. "
+            "Machine: angular errors over 15 µrad" in told.out
         )
 
     def test_the_floor_that_the_control_sets_is_named(self, survey):

@@ -270,7 +270,7 @@ class TestWhatToLoad:
         )
         assert render(
             conclude(broken, [Export(controller="siemens")]).next_step, "en"
-        ).startswith("Repeat the passes")
+        ).startswith("Repeat each pass")
 
     def test_a_refused_export_says_so(self) -> None:
         """Nothing of it is loaded."""
@@ -604,8 +604,8 @@ class TestUnseenSlip:
     def test_of_any_size_is_always_said(self) -> None:
         (words,) = self.said(half_um=None, nearly_um=None, volume_um=None)
         assert (
-            "No reading shows a slip of the laser's count in diagonal X+Y-Z- to X-Y+Z+ (npp), pass "
-            "1 out, stop 5" in words
+            "The readings cannot show a slip of the laser's count in diagonal X+Y-Z- to X-Y+Z+ "
+            "(npp), pass 1 out, stop 5" in words
         )
 
 

@@ -180,7 +180,7 @@ def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
             ("--broker", "[fd00::1]:1883", "--plain", "--password-file", "p"),
             "broker fd00::1:",
         ),
-        (("--broker", "a", "--topic", "a/#"), "a topic without"),
+        (("--broker", "a", "--topic", "a/#"), "a topic without the wildcards"),
         (
             ("--broker", "a", "--plain", "--password-file", "p"),
             "encryption, since a password is sent",
