@@ -23,12 +23,12 @@ from testkit.timeline import survey_text
 pytestmark = pytest.mark.page
 AFTER = {
     "en": re.compile(
-        r"predicted:\s*(?P<low>[\d.]+) to (?P<high>[\d.]+) µm\s+\(rms, k = 2\), largest up to "
-        r"(?P<largest>[\d.]+) µm"
+        r"predicted:\s*(?P<low>[\d.]+) to (?P<high>[\d.]+) µm\s+\(rms, k = 2\), largest "
+        r"vector up to (?P<largest>[\d.]+) µm"
     ),
     "de": re.compile(
         r"vorhergesagt:\s*(?P<low>[\d,]+) bis (?P<high>[\d,]+) µm\s+\(Effektivwert, k = 2\), "
-        r"größter bis (?P<largest>[\d,]+) µm"
+        r"größter Vektor bis (?P<largest>[\d,]+) µm"
     ),
 }
 EXPORTED = re.compile(

@@ -67,7 +67,8 @@ def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> 
         expect(page.locator("#conclusion .reached")).to_contain_text("As found")
         expect(page.locator("#conclusion .reached")).to_contain_text("No file may be loaded")
         expect(page.locator("#conclusion .load")).to_contain_text(
-            "siemens: nothing, the export was refused: siemens.toml: machine.name"
+            "siemens: load nothing, because the export was refused: siemens.toml: "
+            "machine.name"
         )
         expect(page.locator("#advice")).to_have_text(
             "Next step: Remove the cause of the refused export (siemens), then export again."
@@ -79,8 +80,8 @@ def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> 
         )
         expect(page.locator("#conclusion .load")).to_contain_text("erwartet war")
         expect(page.locator("#advice")).to_have_text(
-            "Nächster Schritt: Grund des abgelehnten Exports (siemens) beheben, dann neu "
-            "exportieren."
+            "Nächster Schritt: Die Ursache des abgelehnten Exports (siemens) beheben, dann "
+            "neu exportieren."
         )
         page.context.close()  # before the daemon ends, which the page would complain about
 

@@ -155,8 +155,11 @@ def test_a_broker_that_is_away_is_waited_for_and_hears_everything_again(survey, 
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        (("--user", "nobody"), "see user, password"),
-        (("--ca", "/etc/ssl/certs/ca-certificates.crt"), "name the authority"),
+        (("--user", "nobody"), "check user and password"),
+        (
+            ("--ca", "/etc/ssl/certs/ca-certificates.crt"),
+            "give the certificate of the authority",
+        ),
     ],
 )
 def test_a_broker_that_refuses_ends_it_in_words(survey, broker, changed, words):

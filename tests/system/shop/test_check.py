@@ -164,10 +164,10 @@ def test_a_register_map_that_does_not_fit(bench_of, check):
     code, findings, _ = check(bench_of(), more=more)
     assert code == 0, "stopped is served: a survey could be recorded"
     assert (
-        "alarm at holding 4000 bit 0 is not served"
+        "refuses to send alarm at holding 4000 bit 0"
         in findings["signals-absent.refused"]["text"]
     )
-    assert "air_pressure_hpa reads" in findings["signals-absent.implausible"]["text"]
+    assert "value of air_pressure_hpa at" in findings["signals-absent.implausible"]["text"]
 
 
 MAP = {
@@ -182,7 +182,7 @@ def test_a_control_that_hangs(bench_of, check):
         bench_of('[[fault]]\nkind = "plc-frozen"\nduration_s = 60.0\n'), seconds=5
     )
     assert code == 4
-    assert "the PLC's program does not run" in findings["heartbeat-still"]["text"]
+    assert "the program of the PLC is not running" in findings["heartbeat-still"]["text"]
 
 
 def test_a_port_that_another_program_holds(bench_of, check):

@@ -248,7 +248,7 @@ def test_firmware_315_is_read_without_its_wrong_phase():
     source)."""
     samples = decode(lines(line(1, code=10, data=315), line(2, 100, phase=200)))
     assert samples.position_mm[1] == pytest.approx(100 * RULE)
-    assert "only the whole counts are used" in str(samples.notices[0].why)
+    assert "computed from the count alone" in str(samples.notices[0].why)
 
 
 def test_a_greeting_at_the_end_of_a_steady_stream_is_over_with_the_next_line():
