@@ -51,7 +51,7 @@ def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
             readings = (place.round / "readings.csv").read_text()
             live = stepdiag("status", place.survey, "--verbose").out
         told = json.loads(stepdiag("status", place.survey, "--json").out)
-        assert "now: doubted: diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 3" in live
+        assert "state: doubted: diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 3" in live
         assert "machine: connected" in live
         assert not (place.round / "result.json").exists()
         assert [(each["place"], each["code"]) for each in told["doubts"]] == [

@@ -31,7 +31,7 @@ def test_a_survey_goes_on_with_further_setups_and_keeps_its_logs(tmp_path):
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)
             ahead = until(process, "ahead")[-1]
-            assert "->" in ahead["what"]
+            assert "the error decreases from" in ahead["what"]
             assert ahead["setup"]
             place.start_setups(stop_after=3)
             gain_of_round(process)

@@ -161,7 +161,7 @@ def test_a_machine_with_signals_is_not_begun_by_hand(tmp_path):
     with hall(tmp_path) as place:
         code, _, said = stepdiag("begin", place.survey, "ppp")
     assert code == 2
-    assert 'plc.transport: expected "none"' in said
+    assert 'plc.transport: expected the value "none"' in said
 
 
 @pytest.mark.impatient

@@ -125,7 +125,9 @@ def test_a_live_calibration_asks_for_the_stage(tmp_path, monkeypatch):
 
     def answer(question, **_):
         said = next(places)
-        assert question == "qd.x: reference in µm (an empty line ends the input)"
+        assert (
+            question == "qd.x: reading of the reference in µm (an empty line ends the input)"
+        )
         if isinstance(said, float):
             stage[0] = said
             time.sleep(0.1)

@@ -153,7 +153,7 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
         person.answers("Name or address of the control", "127.0.0.1")
         person.answers("Kind of control", "modbus")
         person.answers("Name of the machine in the report", "virtual")
-        person.answers("Edges of the volume", "large")
+        person.answers("Edges of the measured volume", "large")
         person.answers("expected three numbers", "300 200 100")
         person.answers("Class of the machine", "good")
         person.answers("Position feedback", "screw")
@@ -207,10 +207,10 @@ def test_a_control_that_does_not_answer_at_its_usual_port_is_asked_for_its_port(
         hall(tmp_path) as place,
         at_a_terminal("setup", file, *laser, *VOLUME, *usual, *named) as person,
     ):
-        person.answers("TCP port of the control", "99999")
+        person.answers("Enter its TCP port", "99999")
         person.answers("expected a TCP port", "127.0.0.1")
-        person.answers("TCP port of the control", str(closed))
-        person.answers("TCP port of the control", str(modbus_port(place)))
+        person.answers("Enter its TCP port", str(closed))
+        person.answers("Enter its TCP port", str(modbus_port(place)))
         if not named:
             person.answers("Kind of control", "modbus")
         person.leaves()
@@ -318,7 +318,7 @@ ANSWERS = {
     "Format of the laser": "umd",
     "Name or address of the control": "none",
     "Name of the machine in the report": "mill",
-    "Edges of the volume": "300 200 100",
+    "Edges of the measured volume": "300 200 100",
     "Class of the machine": "poor",
     "Position feedback": "scale",
     "Low corner of the volume": "0 0 0",
@@ -357,7 +357,7 @@ def asked(monkeypatch):
 def test_who_leaves_at_a_question_leaves_nothing_half_written(tmp_path, asked, place):
     questions, leaves_at = asked
     leaves_at[0] = place
-    with pytest.raises(UsageError, match="nothing is written"):
+    with pytest.raises(UsageError, match="no file was written"):
         setup(tmp_path / "mill.toml")
     assert len(questions) == place + 1
     assert [*ANSWERS][place] in questions[place]
