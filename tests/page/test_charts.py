@@ -173,7 +173,7 @@ def test_the_last_ten_seconds_are_drawn_at_full_rate(page: Page, daemon: Served)
     wait_until(lambda: page.evaluate(seen)[0] >= 400)
     assert page.evaluate(f"(([high, low]) => high === low)({seen})")
     expect(page.locator("#scatter")).to_contain_text(
-        re.compile(r"^Plateau \S+ mm, scatter 0\.\d\d µm")
+        re.compile(r"^Standstill at \S+ mm, scatter of 0\.\d\d µm")
     )
     moving = tuple(float(place) for place in range(75))
     daemon.do(
@@ -195,7 +195,7 @@ def test_a_standing_machine_is_drawn_in_micrometres_about_its_plateau(
         )
     )
     expect(page.locator("#scatter")).to_have_text(
-        "Plateau 282.3500 mm, scatter 0.00 µm in half a second"
+        "Standstill at 282.3500 mm, scatter of 0.00 µm in half a second"
     )
     rows = table_of(page, "#strip")
     assert rows[0] == ["time_s", "high_um", "low_um"]

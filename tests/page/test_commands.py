@@ -106,7 +106,9 @@ def test_a_further_setup_is_offered_between_two_passes_and_taken(
         "0.9 µm, in 33 min."
     )
     page.locator("#language").click()
-    expect(page.locator("#ahead")).to_contain_text("verschoben um 150 mm in z. 2,2 -> 0,9 µm")
+    expect(page.locator("#ahead")).to_contain_text(
+        "verschoben um 150 mm in z: die Abweichung sinkt von 2,2 auf 0,9 µm"
+    )
     page.locator("#language").click()
     unlock(page)
     daemon.do(lambda: daemon.survey.publish(recording=True))

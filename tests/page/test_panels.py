@@ -38,7 +38,8 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 2, stop))
     expect(page.locator("#lead")).to_have_text("To stop 12 of 31, back")
     expect(page.locator("#advice")).to_have_text(
-        "diagonal X+Y−Z− to X−Y+Z+ (npp), pass 2: Y moves. Keep the beam free."
+        "The machine drives diagonal X+Y−Z− to X−Y+Z+ (npp), pass 2: Y moves. Keep the beam "
+        "free."
     )
     expect(page.locator("#progress-words")).to_have_text("104 / 310")
     expect(page.locator("#volume .stop")).to_have_count(42)
