@@ -48,12 +48,14 @@ class Handshake:
             self._written, self._written_ns = stop.stop_count, self._since_ns
             self._tell(stop.stop_count)
 
-    def let_go(self, signals: Signals | None, now_ns: int) -> None:
-        """Answer a machine whose program belongs to a finished survey: no pass needs its stops, and
-        it waits at each of them.
+    def let_go(self, signals: Signals | None, owed: int | None, now_ns: int) -> None:
+        """Answer a machine whose program runs on after its survey is complete: no pass needs its
+        stops, and it waits at each of them. The stop that is ``owed`` has its answer when it is
+        safe in the log.
         """
         count = signals.stop_count if signals is not None and _waits(signals) else None
-        if count is not None and count != self._written:
+        runs = signals is not None and signals.running is True
+        if runs and count is not None and count not in (self._written, owed):
             self._written, self._written_ns = count, now_ns
             self._tell(count)
 

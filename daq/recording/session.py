@@ -424,7 +424,8 @@ class Session:
             beyond=self._beyond,
             anew=self._anew,
         )
-        self._anew = False
+        # without a signal of the program, each pass may begin a program anew
+        self._anew = "running" not in self.survey.plc.signals
         believed = believed_before(
             self.survey, self._idle_air(), now_ns, self._stops_offset_ns, start.credible
         )

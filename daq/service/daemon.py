@@ -238,7 +238,7 @@ class Daemon:
         if session.machine_waits:
             self._working.survey_links.hurry()
         if session.runs_on:
-            handshake.let_go(session.signals, block.recv_ns)
+            handshake.let_go(session.signals, session.owed, block.recv_ns)
         if waits := handshake.look(
             session.signals, block.recv_ns, self.status_source.waits_for
         ):

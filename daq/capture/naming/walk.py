@@ -257,11 +257,13 @@ def _other_orders(begin: Path, routes: tuple[Route, ...]) -> Iterator[Path]:
     """Yield the path of a pass that begins in the same direction on a route with another order of
     the axes: a program driven anew begins with its own first order, whichever pass is missing.
     """
-    expected, counts = routes[begin.way], begin.stop >= 0 and begin.count is not None
+    expected, counts = routes[begin.way], begin.count is not None
     for way, route in enumerate(routes):
         if route.outward == expected.outward and route.order != expected.order:
             known = shared(begin.known, expected, route)
-            score = -FAULT - FAILURE * counts
+            # behind the expected order, which may go back to its first stop, too
+            again = FAULT + FAILURE * counts if begin.stop >= 0 else 0.0
+            score = begin.score - FAULT - again
             yield replace(begin, score=score, way=way, stop=-1, known=known)
 
 

@@ -28,6 +28,7 @@ from stepdiag.daq.capture.standing.window import (
     Window,
     against_itself,
     find_step,
+    on_the_way,
     sigmas_of_trend,
     strays,
     summarise,
@@ -135,9 +136,7 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
     doubts = against_itself(span.position_mm, whole.window, stream.resolution_um)
     stepped = any(doubt.key == "window-step" for doubt in doubts)
     step = find_step(span.position_mm) if stepped else (0.0, 0.0)
-    if (
-        taken is not whole
-    ):  # the machine arrives in the whole window, and is at rest in the later
+    if taken is not whole and on_the_way(span.position_mm):
         doubts = [doubt for doubt in doubts if doubt.key != "window-step.strays"]
     return replace(taken, doubts=(*taken.doubts, *doubts), step=step)
 

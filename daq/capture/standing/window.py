@@ -301,6 +301,15 @@ def strays(position_mm: NDArray[np.float64], window: Window) -> int:
     return wrong if wrong > accidents else 0
 
 
+def on_the_way(position_mm: NDArray[np.float64]) -> bool:
+    """Return whether the outliers of a window are on the way to its level. A slip of the count
+    leaves them on a level of their own.
+    """
+    away_um = (position_mm - np.median(position_mm)) * 1e3
+    away_um = away_um[~inliers(away_um)]
+    return len(away_um) > 0 and bool(np.ptp(away_um) > MAJORITY * np.max(np.abs(away_um)))
+
+
 def _leaving(position_mm: NDArray[np.float64]) -> int:
     """Return the number of samples at the end of a window in which the machine leaves the stop, and
     may stand elsewhere.

@@ -140,7 +140,8 @@ def moving_order_of(plan: Plan, run: Run, number: int) -> str:
 
 def has_several_orders(plan: Plan, run: Run) -> bool:
     """Return whether the passes of a run move their axes in different orders."""
-    return len({moving_order_of(plan, run, number) for number in run.pass_numbers}) > 1
+    orders = {moving_order_of(plan, run, number) for number in run.pass_numbers}
+    return run.travel.kind in ("step", "face") and len(orders) > 1
 
 
 def _nodes(n: int, setup: Setup, order: str) -> NDArray[np.int64]:

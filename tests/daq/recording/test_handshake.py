@@ -81,7 +81,7 @@ def test_a_program_that_runs_on_after_its_survey_is_let_go_at_every_stop():
     machine waits at stops that no pass needs."""
     machine = Machine(owed=7)
     for number, signals in enumerate((at(7), at(8), at(8, stopped=False), at(9), at(9))):
-        machine.handshake.let_go(signals, round(0.1 * number * SECOND))
+        machine.handshake.let_go(signals, 7, round(0.1 * number * SECOND))
         machine.stands(signals, 0.1 * number)
     assert machine.heard == [7, 8, 9]
     assert machine.said == []

@@ -48,6 +48,20 @@ def test_a_program_is_driven_anew_for_one_missing_pass(signals: str, stop: int) 
     assert set(found.errors) == {"beam-lost"}
 
 
+@pytest.mark.parametrize("stop", [4, 11, 18])
+def test_an_aborted_program_is_driven_anew_without_a_doubt(stop: int) -> None:
+    """In each of the three passes; the laser counts on meanwhile."""
+    found = driven(
+        survey_of(ORDERS),
+        ("ppp", "ppp", "npp"),
+        stop,
+        Disturbed(aborted_at=((0, stop),)),
+    )
+    assert not found.waits_in_vain
+    assert found.session.book.complete()
+    assert found.errors == []
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_a_stalled_computer_lets_no_machine_wait_in_vain(seed: int) -> None:
     setups = [*SETUP_NUMBERS.values()][seed], "linear-x"

@@ -58,6 +58,8 @@ class Disturbed:
     flicker_s: float = 0.3
     cut_at: tuple = ()
     """Program (from 0) and stop counts of it on the way to which the beam is cut."""
+    aborted_at: tuple = ()
+    """Program and stop count of it at which the operator aborts the program."""
 
 
 UNDISTURBED = Disturbed()
@@ -138,14 +140,18 @@ class WaitingMachine:
         return self._number < len(self._programs)
 
     def _idle(self, now):
-        """Put the laser up for the next program; the beam is away meanwhile."""
+        """Put the laser up for the next program, and cut the beam meanwhile; for the same program
+        once more, leave it as it is."""
+        before = self._program if self._number >= 0 else None
         self._number, self._at = self._number + 1, 0
         if self._number == len(self._programs):
             return
-        self._beam_from, self._until, self.state = now + 0.2, now + 0.4, "moves"
+        self._until, self.state, self._target = now + 0.4, "moves", self.position
+        if before is self._program:
+            return
+        self._beam_from = now + 0.2
         self._offset_mm = self._rng.uniform(-50, 50)
         self._knot(now + 1e-3, self._program.reading_mm(self.position) + self._offset_mm)
-        self._target = self.position
 
     def _moves(self, now):
         """End a move, and begin the next item of the program."""
@@ -174,7 +180,9 @@ class WaitingMachine:
             self._flicker_until = now + self._rng.exponential(self._disturbed.flicker_s)
         self.longest_s = max(self.longest_s, now - self._since)
         if now - self._since >= DWELL_S and self.captured == self.count:
-            self.state, self._until = "moves", now
+            aborted = (self._number, self.count) in self._disturbed.aborted_at
+            self.state = "idle" if aborted else "moves"
+            self._until = now + aborted * self._rng.uniform(1, 2)
             self._target = self.position
 
     def _knot(self, time_s, reading_mm):
@@ -277,7 +285,8 @@ class Computer:
 def driven(text, setups, seed, disturbed=UNDISTURBED):
     """Drive the programs of setups one after another, and return what came of it."""
     rng, survey = np.random.default_rng(seed), parse_survey(text, "survey.toml")
-    machine = WaitingMachine([Program(survey, each) for each in setups], rng, disturbed)
+    programs = {each: Program(survey, each) for each in setups}
+    machine = WaitingMachine([programs[each] for each in setups], rng, disturbed)
     computer = Computer(survey, text, machine, rng, disturbed)
     found = computer.driven
     for step in range(1, math.ceil(600 / STEP_S)):

@@ -6,7 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.daq.capture.standing.window import against_itself, step_in_um, summarise
+from stepdiag.daq.capture.standing.window import (
+    against_itself,
+    on_the_way,
+    step_in_um,
+    summarise,
+)
 
 
 def doubts(values_um, resolution_um=0.001):
@@ -115,3 +120,13 @@ def test_who_has_left_and_stands_elsewhere_within_a_scan_is_no_doubt_and_a_slip_
     assert scan <= 5 or doubts(slipped) == ["window-step"], (
         "fewer are single wrong lines, thrown away without a word"
     )
+
+
+@pytest.mark.parametrize(
+    ("first_um", "moves"), [((-900, -400, -60, 8), True), ((5,) * 4, False)]
+)
+def test_an_arrival_is_told_from_a_slip_near_the_begin(first_um, moves):
+    """A slip of the count leaves its samples on a level of their own."""
+    position_mm = np.random.default_rng(3).normal(0, 2e-4, 90)
+    position_mm[:4] += 1e-3 * np.array(first_um)
+    assert on_the_way(position_mm) is moves
