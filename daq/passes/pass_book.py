@@ -258,13 +258,8 @@ class PassBook:
             out = driven.number
         elif hint.next_stop:
             back = driven.number
-        else:
-            if driven.route.outward:  # a way back has the order of the way out before it
-                back = self._next(setup, driven.route.order, outward=False)
-            if not anew:
-                after = driven.number + 1 + driven.number % 2
-                order = route_of(self._planned, setup, after).order
-                out = self._next(setup, order, outward=True)
+        elif driven.route.outward:  # a way back has the order of the way out before it
+            back = self._next(setup, driven.route.order, outward=False)
         known, before = hint.known, self._way_out(setup, driven.number)
         for number in (out, back):
             known = shared(known, before, self._way_out(setup, number))

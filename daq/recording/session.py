@@ -424,8 +424,7 @@ class Session:
             beyond=self._beyond,
             anew=self._anew,
         )
-        # without a signal of the program, each pass may begin a program anew
-        self._anew = "running" not in self.survey.plc.signals
+        self._anew = False
         believed = believed_before(
             self.survey, self._idle_air(), now_ns, self._stops_offset_ns, start.credible
         )
