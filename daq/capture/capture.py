@@ -284,7 +284,7 @@ class Capture:
         if self._pulse.still:
             self.tracker.stale(self._pulse.beat_ns)
             return
-        if self._left_program(signals):
+        if signals.program_over:
             self._end_if_left(signals, outcomes)
             signals = replace(signals, stopped=False)
         closed = self.tracker.poll(
@@ -314,9 +314,6 @@ class Capture:
         if self.walk is not None and not self.walk.ended:
             return self.walk.finding("error", self.walk.expected, text)
         return finding("error", text)
-
-    def _left_program(self, signals: Signals) -> bool:
-        return signals.running is False or signals.setup == 0
 
     def _end_if_left(self, signals: Signals, outcomes: list[Outcome]) -> None:
         walk = self.walk

@@ -109,6 +109,11 @@ class Signals:
             return None
         return self.x_mm, self.y_mm, self.z_mm
 
+    @property
+    def program_over(self) -> bool:
+        """Return whether the machine shows that no program of a setup runs."""
+        return self.running is False or self.setup == 0
+
 
 SIGNAL_NAMES = tuple(field.name for field in fields(Signals))
 COUNTED = ("heartbeat", "stop_count", "setup")

@@ -251,20 +251,19 @@ class PassBook:
     def _hint(self, setup: str, *, anew: bool) -> PassHint:
         hint, driven = self._standing(setup), self.driven
         out, back = self._next(setup, outward=True), self._next(setup, outward=False)
-        if driven is None or driven.route.setup != setup:
-            others = self._others(setup, (out, back), anew=anew)
-            return replace(hint, numbers=(out, back), others=others)
-        if hint.next_stop and driven.route.outward:
-            out = driven.number
-        elif hint.next_stop:
-            back = driven.number
-        elif driven.route.outward:  # a way back has the order of the way out before it
-            back = self._next(setup, driven.route.order, outward=False)
-        known, before = hint.known, self._way_out(setup, driven.number)
-        for number in (out, back):
-            known = shared(known, before, self._way_out(setup, number))
+        if driven is not None and driven.route.setup == setup:
+            if hint.next_stop and driven.route.outward:
+                out = driven.number
+            elif hint.next_stop:
+                back = driven.number
+            elif driven.route.outward:  # a way back has the order of the way out before it
+                back = self._next(setup, driven.route.order, outward=False)
+            known, before = hint.known, self._way_out(setup, driven.number)
+            for number in (out, back):
+                known = shared(known, before, self._way_out(setup, number))
+            hint = replace(hint, known=known)
         others = self._others(setup, (out, back), anew=anew)
-        return replace(hint, numbers=(out, back), others=others, known=known)
+        return replace(hint, numbers=(out, back), others=others)
 
     def _others(self, setup: str, numbers: tuple[int, int], *, anew: bool) -> tuple[int, ...]:
         """Return the numbers of passes with other orders of the axes that may come instead of the

@@ -139,8 +139,5 @@ class Handshake:
 
 def _waits(signals: Signals) -> bool:
     return (
-        bool(signals.stopped)
-        and signals.stop_count is not None
-        and signals.running is not False
-        and signals.setup != 0
+        bool(signals.stopped) and signals.stop_count is not None and not signals.program_over
     )

@@ -342,7 +342,7 @@ class Session:
             self._idle[event.link].forget_breaks()
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)
-            self._anew = self._anew or signals.running is False or signals.setup == 0
+            self._anew = self._anew or signals.program_over
             if self._standing is not None and not (
                 signals.stopped and same_stop(self._standing, signals)
             ):
@@ -370,12 +370,7 @@ class Session:
     def _begins(self, signals: Signals) -> bool:
         self._armed = self._armed or self._left(signals)
         self._last_setup = signals.setup
-        if (
-            not self._armed
-            or self._standing is not None
-            or signals.running is False
-            or signals.setup == 0
-        ):
+        if not self._armed or self._standing is not None or signals.program_over:
             return False
         named = signals.running is True or signals.setup is not None
         return signals.stopped is True or (named and self._wanted(signals.setup))
@@ -383,10 +378,8 @@ class Session:
     def _left(self, signals: Signals) -> bool:
         if signals.running is None and signals.setup is None:
             return not signals.stopped
-        return (
-            signals.running is False
-            or signals.setup == 0
-            or (self._last_setup is not None and signals.setup != self._last_setup)
+        return signals.program_over or (
+            self._last_setup is not None and signals.setup != self._last_setup
         )
 
     def _wanted(self, setup: int | None) -> bool:
@@ -497,11 +490,7 @@ class Session:
 
     def _forgotten(self, capture: Capture, event: Event) -> bool:
         signals = capture.signals
-        if (
-            capture.walk is not None
-            or signals is None
-            or not (signals.running is False or signals.setup == 0)
-        ):
+        if capture.walk is not None or signals is None or not signals.program_over:
             self._left_ns = None
             return False
         self._left_ns = self._left_ns or time_of(event)

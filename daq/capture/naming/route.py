@@ -12,7 +12,6 @@ from stepdiag.base.messages import Message, Way, message, run
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.runs import (
     Plan,
-    has_several_orders,
     moving_order_of,
     run_stops_mm,
 )
@@ -116,9 +115,7 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
         nominal_mm=nominal,
         along=along,
         beside_mm=float(np.clip(0.1 * least_mm, PLACED_MM, BESIDE_MM)),
-        order=moving_order_of(plan, planned, number)
-        if has_several_orders(plan, planned)
-        else "",
+        order=moving_order_of(plan, planned, number) if planned.has_several_orders else "",
     )
 
 

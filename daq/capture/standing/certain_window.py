@@ -132,7 +132,7 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
     whole = take(span, start, part.to_ns, rules, stream.resolution_um)
     if whole is None:
         return None
-    taken = _steadiest(stream, part, whole, rules)
+    taken = _steadiest(stream, part, span, whole, rules)
     doubts = against_itself(span.position_mm, whole.window, stream.resolution_um)
     stepped = any(doubt.key == "window-step" for doubt in doubts)
     step = find_step(span.position_mm) if stepped else (0.0, 0.0)
@@ -141,7 +141,9 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
     return replace(taken, doubts=(*taken.doubts, *doubts), step=step)
 
 
-def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> Taken:
+def _steadiest(
+    stream: Placing, part: Part, span: Span, whole: Taken, rules: StopRules
+) -> Taken:
     """Return the longest steady window without strays at the end of a part of a dwell; the whole
     part if no such window is long enough.
 
@@ -153,7 +155,7 @@ def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> T
         begin = whole.from_ns + left_out * length
         if left_out and part.to_ns - begin < rules.min_window_s * 1e9:
             break
-        span = part.span(stream, begin)
+        span = part.span(stream, begin) if left_out else span
         taken = (
             take(span, begin, part.to_ns, rules, stream.resolution_um) if left_out else whole
         )
@@ -169,8 +171,12 @@ def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> T
 
 
 def _too_steep(window: Window, rules: StopRules) -> bool:
-    beyond_um_s = abs(window.slope_um_s) - rules.max_slope_um_s
-    return beyond_um_s > SIGMAS * window.u_slope_um_s
+    return _beyond_um_s(window, rules) > SIGMAS * window.u_slope_um_s
+
+
+def _beyond_um_s(window: Window, rules: StopRules) -> float:
+    """Return by how much a trend exceeds the largest allowed trend."""
+    return abs(window.slope_um_s) - rules.max_slope_um_s
 
 
 def _goes_on(window: Window, whole: Window, rules: StopRules) -> bool:
@@ -192,7 +198,7 @@ def take(
     window = summarise(span.time_ns * 1e-9, span.position_mm, least_um)
     beam = float(np.nanmean(span.beam)) if np.isfinite(span.beam).any() else math.nan
     doubts = _unsteady(window, rules)
-    beyond_um_s = abs(window.slope_um_s) - rules.max_slope_um_s
+    beyond_um_s = _beyond_um_s(window, rules)
     trend_sigmas = sigmas_of_trend(span.position_mm, window, beyond_um_s) if doubts else 0.0
     if (to_ns - from_ns) < MAJORITY * rules.min_window_s * 1e9:
         doubts.append(
@@ -256,11 +262,10 @@ class PassNoise:
         """
         window, shown_um_s = taken.window, self._scatter_um_s()
         step_um, step_sigmas = taken.step
-        beyond_um_s = abs(window.slope_um_s) - rules.max_slope_um_s
         if shown_um_s:
             noise_um_s = max(window.u_slope_um_s, shown_um_s)
             explained = {
-                "stop-doubtful": beyond_um_s <= SIGMAS * noise_um_s,
+                "stop-doubtful": _beyond_um_s(window, rules) <= SIGMAS * noise_um_s,
                 "window-step": abs(step_um) <= SIGMAS * shown_um_s * window.duration_s,
             }
         else:

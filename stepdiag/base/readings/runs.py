@@ -61,6 +61,11 @@ class Run:
         return tuple(dict.fromkeys(self.orders[: self.repeats])) if several else ()
 
     @property
+    def has_several_orders(self) -> bool:
+        """Return whether the repeats of the run move the axes in different orders."""
+        return len({_moving(self.travel, order) for order in self.driven_orders}) > 1
+
+    @property
     def pass_numbers(self) -> range:
         return range(1, 2 * self.repeats + 1, 1 if self.return_pass else 2)
 
@@ -134,19 +139,16 @@ def moving_order_of(plan: Plan, run: Run, number: int) -> str:
     """Return the moving axes of a pass in the order in which they move: ``yzx`` on a body diagonal,
     ``yx`` on a face diagonal.
     """
-    signs = run.travel.signs
-    return "".join(axis for axis in order_of(plan, run, number) if signs[AXES.index(axis)])
+    return _moving(run.travel, order_of(plan, run, number))
 
 
-def has_several_orders(plan: Plan, run: Run) -> bool:
-    """Return whether the passes of a run move their axes in different orders."""
-    orders = {moving_order_of(plan, run, number) for number in run.pass_numbers}
-    return run.travel.kind in ("step", "face") and len(orders) > 1
+def _moving(setup: Setup, order: str) -> str:
+    return "".join(axis for axis in order if setup.signs[AXES.index(axis)])
 
 
 def _nodes(n: int, setup: Setup, order: str) -> NDArray[np.int64]:
     signs = np.array(setup.signs)
-    moving = [AXES.index(letter) for letter in order if signs[AXES.index(letter)]]
+    moving = [AXES.index(axis) for axis in _moving(setup, order)]
     together = setup.kind == "body"
     moves = np.zeros((n if together else n * len(moving), 3), dtype=np.int64)
     for place, axis in enumerate(moving):
