@@ -407,12 +407,12 @@ def test_what_the_walls_leave_open_is_named_in_both_languages(page: Page) -> Non
     )
     page.reload()
     expect(page.locator("#open")).to_have_text(
-        "An attacker inside this page also reaches, on this computer: signals, UDP and other "
+        "On this computer, an attacker in the page's process reaches: signals, UDP and other "
         "sockets."
     )
     page.locator("#language").click()
     expect(page.locator("#open")).to_have_text(
-        "Ein Angreifer in dieser Seite erreicht auf diesem Computer auch: Signale, UDP und "
+        "Auf diesem Computer erreicht ein Angreifer im Prozess der Seite: Signale, UDP und "
         "andere Sockets."
     )
     page.unroute("**/about.json")

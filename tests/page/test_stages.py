@@ -82,7 +82,7 @@ RUNNING: dict[str, Any] = {"phase": "waiting-stop", "expects_stop": 6, "moving_a
             {**RUNNING, "counts_to": 5},
             "trouble",
             True,
-            "Count lost: go back to stop 6 now",
+            "Laser count lost: back to stop 6",
         ),
         (
             {**RUNNING, "counts_to": 5, "beam_lost": True},
@@ -116,7 +116,7 @@ RUNNING: dict[str, Any] = {"phase": "waiting-stop", "expects_stop": 6, "moving_a
             {"phase": "complete", "proof": "warning"},
             "done",
             False,
-            "Proof run done: not decided",
+            "Proof run done: no decision",
         ),
         (
             {"phase": "complete", "proof": "error"},

@@ -54,8 +54,8 @@ def test_targets_a_whole_number_of_turns_apart_are_named():
     (said,) = hidden_waves(with_pitch(10.0, (500.0, 430.0, 350.0), 10))
     assert (said.code, said.severity) == ("plan-hides", "info")
     assert (
-        "with steps of x 50 mm, z 35 mm, the targets do not show waves of the screw's pitch of "
-        "10 mm; set increments = 11 to" in said.text
+        "with steps of x 50 mm, z 35 mm, the targets do not show errors that repeat with the "
+        "screw pitch of 10 mm; set increments = 11 to" in said.text
     )
 
 

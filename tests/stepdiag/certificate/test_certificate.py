@@ -367,7 +367,7 @@ def test_statements_of_conformity_are_those_of_the_result(tmp_path):
 
 
 def test_days_must_be_known(tmp_path):
-    with pytest.raises(DataError, match="begun and ended"):
+    with pytest.raises(DataError, match='"begun" and "ended"'):
         certificate_of(judged(), stated(tmp_path, ""), CUSTODY)
 
 

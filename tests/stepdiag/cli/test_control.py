@@ -300,7 +300,7 @@ class TestVerify:
         for told in (exported, stepdiag("verify", said, tmp_path / "out", "--verbose")):
             assert (
                 "U (k = 2) assumes these sizes for errors that the readings do not determine. "
-                "Machine: angular errors over 7 µrad" in told.out
+                "Machine: angular errors 7 µrad (range)" in told.out
             )
 
     def test_files_with_the_wrong_sign_are_named(self, result, tmp_path):

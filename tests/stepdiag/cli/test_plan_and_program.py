@@ -262,7 +262,7 @@ class TestPlan:
         assert "BEST SURVEY" in told.out
         assert (
             "U (k = 2) assumes these sizes for errors that the readings do not determine. "
-            "Machine: angular errors over 15 µrad" in told.out
+            "Machine: angular errors 15 µrad (range)" in told.out
         )
 
     def test_the_floor_that_the_control_sets_is_named(self, survey):
@@ -272,7 +272,7 @@ class TestPlan:
             file.write('[[export]]\ncontroller = "fanuc"\nprofile = "fanuc.toml"\n')
         told = stepdiag("plan", survey, "--minutes", 90)
         assert re.search(
-            r"with tables of one axis each, an error of 0\.\d+ µm remains",
+            r"tables by the position of one axis leave an error of 0\.\d+ µm",
             " ".join(told.out.split()),
         )
 

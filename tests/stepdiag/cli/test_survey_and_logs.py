@@ -86,7 +86,7 @@ def test_init_asks_on_a_terminal_until_it_understands(
     asked = CliRunner().invoke(app, [str(tmp_path / "a.toml")], input="best\ngood\n\n20\n")
     assert asked.exit_code == 0, asked.output
     assert (
-        "ordinary  a machining centre in a shop; repeatability 0.5 µm, angular errors 15 µrad"
+        "ordinary  a machining centre in a workshop; repeatability 0.5 µm, angular errors 15 µrad"
         in joined(asked.output)
     )
     stated = load_survey(tmp_path / "a.toml").uncertainty

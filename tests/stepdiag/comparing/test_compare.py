@@ -309,8 +309,8 @@ def test_what_became_of_the_machine_is_said_beside_the_prediction(
     left = as_left("after.json", measured, reach((9.0, 11.0), (1.0, 3.0)))
     assert (left.kept, left.gain) == (kept, gain)
     for language, worse in (
-        ("en", "larger than as found: load the restore files"),
-        ("de", "größer als vorgefunden"),
+        ("en", "larger than before: load the restore files"),
+        ("de", "größer als vorher"),
     ):
         html = build_as_left(
             made_up_result(), made_up_result(), left, measured, language=language

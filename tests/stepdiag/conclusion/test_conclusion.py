@@ -453,7 +453,7 @@ class TestBasis:
     def test_which_lengths_the_tables_correct(self) -> None:
         (text,) = self.said(lengths=self.LENGTHS)
         assert text.startswith(
-            "Lengths are valid as measured, at 23.40 °C; the tables contain the scales for this "
+            "Lengths are valid for 23.40 °C, as measured. The tables contain the scales for this "
             "temperature, X +3.2 ± 3.0"
         )
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c"})
@@ -461,12 +461,12 @@ class TestBasis:
         (text,) = self.said(lengths={**self.LENGTHS, "material_c": None})
         assert "the temperature of the machine was not measured for all stops" in text
         (text,) = self.said("de", lengths=self.LENGTHS)
-        assert "bei 23,40 °C" in text
+        assert "für 23,40 °C" in text
         assert "X +3,2 ± 3,0" in text
 
     def test_what_u_takes_for_granted(self) -> None:
         (text,) = self.said(assumed=Assumptions(angles_urad=7.5, index=3e-7).stated())
-        assert "angular errors over 7.5 µrad" in text
+        assert "angular errors 7.5 µrad (range)" in text
         assert "air and wavelength 0.3 ppm" in text
         (text,) = self.said(tool={"up_to_um_per_100_mm": 3.21})
         assert "at a distance of 100 mm can differ by up to 3.2 µm" in text
@@ -486,11 +486,11 @@ class TestBasis:
             "assumed": {"air_pressure_hpa": 1013.25},
         }
         (text,) = self.said(conditions=conditions)
-        assert "for these stops p = 1013.25 hPa of the survey file was used" in text
+        assert "p = 1013.25 hPa of the survey file is assumed" in text
         (text,) = self.said("de", conditions=conditions)
         assert "p = 1013,25 hPa aus der Vermessungsdatei" in text
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c", "material_c": None})
-        assert "U contains the uncertainty of this temperature" in text
+        assert "U contains its uncertainty" in text
 
     def test_an_older_or_foreign_result_says_nothing(self) -> None:
         assert self.said() == []
@@ -554,7 +554,7 @@ class TestUnseenSlip:
             "2.5 µm in diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 5 stays undetected"
             in words
         )
-        assert "a slip of 4.0 µm is nearly always detected (95 %)" in words
+        assert "A slip of 4.0 µm is nearly always detected (95 %)" in words
 
     def test_is_said_with_its_passes_where_it_makes_more_than_the_readings_do(self) -> None:
         """0.5 µm of 1.9 that are left, but the readings make 0.2 of the volume: the stated u has
@@ -564,7 +564,7 @@ class TestUnseenSlip:
             "2.5 µm in diagonal X+Y-Z- to X-Y+Z+ (npp), pass 1 out, stop 5 stays undetected"
             in slip
         )
-        assert "In npp (pass 1); ppp (pass 2) an undetected slip adds" in passes
+        assert "an undetected slip in npp (pass 1); ppp (pass 2) cause" in passes
         assert "(0.2 µm, k = 1)" in passes
         assert self.said(volume_um=0.5, readings_um=0.2, passes="nonsense") == [slip]
 

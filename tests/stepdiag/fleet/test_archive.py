@@ -189,7 +189,7 @@ def test_what_another_zstd_packed_is_the_same_log_and_what_it_says_is_compared(
     )
     Path(store.path(place.table)).unlink()
     log.write_bytes(theirs[:-200])
-    with pytest.raises(DataError, match="nothing in a store is ever overwritten"):
+    with pytest.raises(DataError, match="a file in a store is never overwritten"):
         add(survey, store)
 
 
@@ -205,7 +205,7 @@ def test_a_file_that_came_meanwhile_stays_where_the_share_knows_links(
         monkeypatch.setattr("pathlib.Path.hardlink_to", _no_space)
         assert store.write_checked("x", b"ours") == b"ours"
         return
-    with pytest.raises(DataError, match="find out who wrote this file"):
+    with pytest.raises(DataError, match="find out which computer wrote this file"):
         store.write_checked("x", b"ours")
     assert Path(store.path("x")).read_bytes() == b"theirs"
 
@@ -362,7 +362,7 @@ def test_an_old_log_whose_survey_is_refused_is_solved_with_another(
     assert (stood_in.outcome, stood_in.changed, str(stood_in.reason)) == (
         "solved anew",
         (),
-        "by the survey file that was given as an option",
+        "with the survey file of --survey",
     )
     other = solve_anew(store.address, tuple(place), text.replace("Mill 7/ä", "Mill 8"))
     assert (other.outcome, "Mill 8" in str(other.reason)) == ("failed", True)

@@ -348,7 +348,7 @@ class TestLine:
         assert found.outside == "perhaps"
         assert already_perhaps(found)
         assert leaves(found).startswith("not decidable: perhaps outside ")
-        assert "perhaps outside its tolerance" in fleet_html([found], "store", "en")
+        assert "too large for the tolerance" in fleet_html([found], "store", "en")
 
     @pytest.mark.parametrize(
         ("last", "u", "verdict", "english", "german"),
@@ -498,7 +498,7 @@ def test_each_machine_has_the_tolerance_that_the_works_states_for_it(store: Stor
     assert days["drifts"]["likely"] is not None
     sheet = store.root + ".html"
     assert stepdiag("trend", store.root, "--report", sheet).code == 0
-    assert "leaves" in Path(sheet).read_text(encoding="utf-8")
+    assert "out of tolerance from" in Path(sheet).read_text(encoding="utf-8")
     for wrong, words in (
         ("[all]\nEQQ = 1\n", "EQQ"),
         ("[all]\nEXX = -1\n", "EXX"),

@@ -158,7 +158,7 @@ def test_what_a_run_does_not_decide_is_refused_by_name():
     standings = Rig(1).standings()
     with pytest.raises(
         DataError,
-        match=r"commission: dark: expected 20 samples without light or more, found 0; block the "
+        match=r"commission: dark: expected at least 20 samples without light, found 0; block the "
         r"beam",
     ):
         commission(standings[:-1], NEW, RUN, "z", "2026-11-26")
@@ -183,8 +183,8 @@ def test_a_sum_at_its_end_and_a_clipped_spot_are_refused():
     plain = ordinary_head(3)
     with pytest.raises(
         DataError,
-        match=r"commission: qd: expected a sum with the noise of light, found a sum that repeats "
-        r"the value 9.*the electronics are saturated",
+        match=r"commission: qd: expected a sum that varies with the noise of the light, found a "
+        r"sum that repeats the value 9.*the electronics are saturated",
     ):
         Rig(3, qd=replace(plain.qd, ceiling=0.9)).commissioned()
     standings = Rig(3).standings()
@@ -202,7 +202,8 @@ def test_a_sum_at_its_end_and_a_clipped_spot_are_refused():
         for risen in [one.channels * (1.01 if one.position_mm[2] == far_mm else 0.999)]
     ]
     with pytest.raises(
-        DataError, match=r"commission: psd1: expected a sum with the noise of light"
+        DataError,
+        match=r"commission: psd1: expected a sum that varies with the noise of the light",
     ):  # at the far end alone
         commission(ended, NEW, RUN, "z", "2026-11-26")
     cut = standings[4].channels.copy()

@@ -176,7 +176,7 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
             "good",
             20.0,
         )
-        assert "ordinary  a machining centre in a shop" in person.seen
+        assert "ordinary  a machining centre in a workshop" in person.seen
         code, out, said = stepdiag("check", file, "--seconds", "2")
         assert code == 0, out + said
 
