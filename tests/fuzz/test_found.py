@@ -428,7 +428,7 @@ def test_a_log_that_names_a_file_it_does_not_bring_costs_that_export_alone(tmp_p
     done = complete([log], tmp_path / "out")
     assert (
         str(done.refusals["neutral"])
-        == "p.toml: expected a file that the survey names, in the log, found nothing"
+        == "p.toml: expected this file in the log, because the survey file names it, found nothing"
     )
 
 

@@ -95,13 +95,13 @@ def test_the_page_asks_what_is_active_before_the_first_pass(
     with hall(tmp_path, page=True, page_port=port, machine="") as place, daemon(place.survey):
         page = real.open(f"http://127.0.0.1:{port}")
         expect(page.locator("#findings")).to_contain_text(
-            "no statement whether a compensation is active in the control", timeout=60_000
+            "does not state whether a compensation is active in the control", timeout=60_000
         )
         expect(page.locator("#findings")).to_contain_text("machine.compensation")
         expect(page.locator("#setups li")).to_have_count(4)
         page.locator("#language").click()
         expect(page.locator("#findings")).to_contain_text(
-            "keine Angabe, ob in der Steuerung eine Kompensation aktiv ist"
+            "die Vermessungsdatei gibt nicht an, ob in der Steuerung eine Kompensation aktiv ist"
         )
         page.context.close()  # before the daemon ends, which the page would complain about
 

@@ -344,7 +344,7 @@ def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None
         view["findings"][0]["sentence"]["de"]
         == "Diagonale X+Y-Z- nach X-Y+Z+ (npp) hin, Messpunkt 6: Strahl verloren auf dem Weg zu "
         "diesem Messpunkt: "
-        "die Zählung des Lasers verbindet diesen Messpunkt nicht mit den früheren Messpunkten"
+        "die Zählung des Lasers ist hier nicht mit den früheren Messpunkten vergleichbar"
     )
     assert json.dumps(msgspec.to_builtins(view))
 

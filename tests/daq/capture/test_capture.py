@@ -279,7 +279,7 @@ def test_a_stop_that_modbus_missed_is_recovered_and_marked(index, signals):
     )
     assert_right(stops, truth)
     assert stops[index].recovered
-    assert "plateau" in str(stops[index].why())
+    assert "found in the laser's readings" in str(stops[index].why())
     assert "stop-recovered" in codes
     assert sum(stop.recovered for stop in stops) == 1
     assert ends[0].kind == "complete"
@@ -419,7 +419,7 @@ def test_a_beam_lost_while_nobody_looked_is_doubted_from_there_on():
     assert [stop.stop for stop in stops if stop.unwatched] == [4]
     assert only.whole
     assert [k for k in range(10) if only.doubt(k)] == [4, 5, 6, 7, 8, 9]
-    assert "no sample was seen for 1.5 s before stop 5" in str(only.why_doubtful())
+    assert "no sample was received for 1.5 s before stop 5" in str(only.why_doubtful())
     assert "drive again from stop 4 on" in str(only.why_doubtful())
 
 

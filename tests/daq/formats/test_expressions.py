@@ -273,7 +273,7 @@ def test_a_machine_without_a_stopped_bit_is_read_and_understood():
         (
             'stopped = "mark > 0 and exact_x"\n',
             "",
-            "plc.signals: expected at least the signal stopped",
+            "plc.signals: expected at least the signal `stopped`",
         ),
         ("bit = 3", "bit = 16", "plc.inputs.exact_x.bit"),
     ],

@@ -374,7 +374,9 @@ def test_recovery_of_any_cut_reads_back_the_same(tmp_path: Path) -> None:
 
 def test_recovery_overwrites_nothing_and_mends_only_what_is_broken(tmp_path: Path) -> None:
     write_log(tmp_path / "a.mcap", SHORT[:100])
-    with pytest.raises(DataError, match="expected a log that was cut off, found a whole log"):
+    with pytest.raises(
+        DataError, match="expected a log that was cut off, found an undamaged log"
+    ):
         recover(tmp_path / "a.mcap")
     part = tmp_path / "a.mcap.part"
     part.write_bytes((tmp_path / "a.mcap").read_bytes()[:-50])
@@ -429,5 +431,5 @@ def test_an_impossible_clock_is_refused(tmp_path: Path) -> None:
         ),
     ).flush()
     (tmp_path / "a.mcap").write_bytes(stream.getvalue())
-    with pytest.raises(DataError, match="expected the clock and the survey of a log"):
+    with pytest.raises(DataError, match="expected a log with its clock and its survey file"):
         open_log(tmp_path / "a.mcap")

@@ -165,7 +165,7 @@ def test_both_passes_cut_at_the_same_step_prove_nothing():
     stops = driven(np.random.default_rng(1), scatter_um=0.0)
     back = 3 * INCREMENTS + 1 + 3 * INCREMENTS - 7
     stops[back] = msgspec.structs.replace(
-        stops[back], unwatched="no sample was seen for 9.0 s"
+        stops[back], unwatched="no sample was received for 9.0 s"
     )
     passes, remarks = taken(stops)
     assert [doubt.code for doubt in passes.doubts()] == ["laser-unwatched"] * 2

@@ -92,7 +92,7 @@ def test_refused_stops_count_as_missing():
 
 
 def unwatched(stop):
-    return msgspec.structs.replace(stop, unwatched="no sample was seen for 9.0 s")
+    return msgspec.structs.replace(stop, unwatched="no sample was received for 9.0 s")
 
 
 def test_a_count_that_nobody_watched_is_used_and_doubted():
@@ -103,7 +103,7 @@ def test_a_count_that_nobody_watched_is_used_and_doubted():
     assert only.whole
     assert [bool(only.doubt(k)) for k in range(10)] == [False] * 5 + [True] * 5
     assert str(only.why_doubtful()).startswith(
-        "stops 6–10 may be wrong (no sample was seen for 9.0 s before stop 6)"
+        "stops 6–10 may be wrong (no sample was received for 9.0 s before stop 6)"
     )
 
 
@@ -183,7 +183,7 @@ def test_what_the_solver_suspects_keeps_its_pass_open_until_it_is_driven_again_o
     assert passes.whole()
     assert (
         str(only.why_incomplete())
-        == "contradicts the others: drive the pass again, or accept the doubt"
+        == "contradicts the others: drive the pass again, or accept the finding"
     )
     passes.accept(acceptance_of(doubt, reason="known", name="Kim", time_s=1.0))
     assert passes.complete()

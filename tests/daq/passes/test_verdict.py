@@ -156,7 +156,7 @@ def test_a_held_value_is_in_the_budget_with_its_age():
     )
     assert held_conditions(passes, {"air_pressure_hpa": 1010.0}) == ()
     (found,) = settled_findings(passes, [], stated={})
-    assert "the uncertainty of the result includes u = 4 hPa" in found.text
+    assert "The uncertainty of the result includes u = 4 hPa" in found.text
 
 
 def test_air_that_nobody_told_is_assumed_aloud():

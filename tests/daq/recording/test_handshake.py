@@ -23,7 +23,7 @@ class Machine:
     def stands(self, signals, *seconds):
         for now in seconds:
             found = self.handshake.look(
-                signals, round(now * SECOND), lambda: "ppp 3/9, taking the stop"
+                signals, round(now * SECOND), lambda: "ppp 3/9, capturing the stop"
             )
             self.said += [] if found is None else [found]
 
@@ -43,8 +43,8 @@ def test_a_stop_that_is_not_taken_is_named_after_a_dwell_and_no_longer_than_it_l
     machine.stands(at(7), 0.0, 1.9, 2.1, 9.0)
     (said,) = machine.said
     assert said.code == "handshake-waits"
-    assert "the control counts 7, the answer is nothing" in said.text
-    assert "ppp 3/9, taking the stop" in said.text
+    assert "stop counter of the control: 7; answer of stepdiag: nothing" in said.text
+    assert "ppp 3/9, capturing the stop" in said.text
     assert machine.handshake.alarm == said.message
     machine.stands(at(8), 9.1)
     assert not machine.handshake.alarm

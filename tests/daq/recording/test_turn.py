@@ -141,7 +141,10 @@ def test_the_end_of_a_pass_leaves_its_readings_to_whoever_looks(tmp_path, monkey
 
 @pytest.mark.parametrize(
     ("kind", "code", "text"),
-    [("unsignalled", "stop-recovered", "plateau"), ("skipped", "stop-lost", "missing")],
+    [
+        ("unsignalled", "stop-recovered", "found in the laser"),
+        ("skipped", "stop-lost", "missing"),
+    ],
     ids=["unseen", "not-driven"],
 )
 @pytest.mark.parametrize("signals", ["", COUNTED], ids=["all", "counted"])

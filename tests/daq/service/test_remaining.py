@@ -171,7 +171,7 @@ def test_whole_setups_that_the_solver_blames_are_still_to_be_driven() -> None:
 FAULTS = {
     "broken": lambda stop: msgspec.structs.replace(stop, broken="beam lost"),
     "unwatched": lambda stop: msgspec.structs.replace(
-        stop, unwatched="no sample was seen for 9.0 s"
+        stop, unwatched="no sample was received for 9.0 s"
     ),
     "refused": lambda stop: msgspec.structs.replace(stop, refused="wrong-axis-order"),
     "doubted": lambda stop: marked(stop, message("window-step", step_um=4.0)),

@@ -37,7 +37,7 @@ def test_a_stop_that_is_doubted_for_two_reasons_is_one_place(tmp_path):
     assert (
         str(_idle(session, "ppp"))
         == "doubted: diagonal X-Y-Z- to X+Y+Z+ (ppp), pass 1 out, stop 7; waiting for the program "
-        "of diagonal X-Y-Z- to X+Y+Z+ (ppp), or for a person to accept"
+        "of diagonal X-Y-Z- to X+Y+Z+ (ppp), or for a person to accept the finding"
     )
 
 

@@ -57,7 +57,7 @@ def test_the_guide_shows_what_is_shipped(name):
     [
         (
             S7,
-            "plc.signals: expected the words of the program and the axes' exact stop, found []",
+            "plc.signals: expected the words that the NC program writes, and the exact-stop bits",
         ),
         (
             S7 + "[plc.signals.stopped]\naddress = 1",
@@ -90,7 +90,7 @@ def test_the_guide_shows_what_is_shipped(name):
         ),
         (
             OVERLAPPING,
-            "plc.handshake.address: expected a register without another signal",
+            "plc.handshake.address: expected a register that no signal uses",
         ),
     ],
 )
@@ -105,7 +105,7 @@ def test_what_does_not_fit_into_one_telegram_is_refused():
     scattered = "".join(
         f'[plc.inputs.i{n}]\ntable = "db{n}"\naddress = 0\n' for n in range(1, 25)
     )
-    with pytest.raises(UsageError, match="one telegram of 240 bytes can request and carry"):
+    with pytest.raises(UsageError, match="one telegram of 240 bytes can request and return"):
         parse_survey(
             f'{SMALLEST}\n{S7}[plc.signals.stopped]\ntable = "db99"\naddress = 0\n{scattered}',
             "s",

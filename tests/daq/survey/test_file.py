@@ -250,7 +250,7 @@ def test_an_unknown_key_is_refused_with_the_nearest_known_one(
     [
         (
             "[plc.signals.stop_count]\naddress = 1\n",
-            "plc.signals: expected at least the signal stopped",
+            "plc.signals: expected at least the signal `stopped`",
         ),
         (
             STOPPED + "[plc.signals.stop_count]\naddress = 2\n",
@@ -301,7 +301,7 @@ def test_an_unknown_key_is_refused_with_the_nearest_known_one(
         ),
         (
             "[plc.handshake]\nenabled = true\naddress = 5\n",
-            "plc.handshake.address: expected a register without another signal: x_mm uses",
+            "plc.handshake.address: expected a register that no signal uses: x_mm uses",
         ),
     ],
 )
@@ -415,7 +415,9 @@ def test_an_unreadable_survey_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="expected a survey file, found No such file"):
         load_survey(tmp_path / "none.toml")
     (tmp_path / "latin.toml").write_bytes(b"x = '\xe4'")
-    with pytest.raises(UsageError, match="expected text in UTF-8, found byte 5 is not"):
+    with pytest.raises(
+        UsageError, match="expected text in UTF-8, found byte 5, which is not"
+    ):
         load_survey(tmp_path / "latin.toml")
     (tmp_path / "big.toml").write_bytes(b"#" * 1_000_001)
     with pytest.raises(UsageError, match="at most 1000000 bytes"):

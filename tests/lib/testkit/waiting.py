@@ -279,7 +279,7 @@ class Computer:
             data = self._machine.registers(now, self._beats)
             sent_ns, self._asked_s = int(self._asked_s * 1e9), None
             session.consume(ModbusBlock(sent_ns, now_ns, BLOCK, (data,)))
-            self._handshake.look(session.signals, now_ns, lambda: "taking the stop")
+            self._handshake.look(session.signals, now_ns, lambda: "capturing the stop")
 
 
 def driven(text, setups, seed, disturbed=UNDISTURBED):

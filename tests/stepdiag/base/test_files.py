@@ -29,7 +29,8 @@ def test_the_same_bytes_may_be_written_again_and_no_others(tmp_path: Path) -> No
     write_once(path, "one\n")
     write_once(path, "one\n")
     with pytest.raises(
-        UsageError, match="expected no file, or the same bytes, found a file with other bytes"
+        UsageError,
+        match="expected no file, or the same bytes, found a file with different content",
     ):
         write_once(path, "two\n")
     assert path.read_bytes() == b"one\n"
@@ -79,7 +80,7 @@ def test_a_file_that_cannot_be_read_is_the_users_to_name(tmp_path: Path) -> None
 def test_bytes_that_are_no_utf_8_are_told_by_their_place() -> None:
     assert as_text("ä".encode(), "a.csv") == "ä"
     with pytest.raises(
-        DataError, match=r"a\.csv: expected text in UTF-8, found byte 2 is not"
+        DataError, match=r"a\.csv: expected text in UTF-8, found byte 2, which is not UTF-8"
     ):
         as_text(b"ab\xff", "a.csv")
 

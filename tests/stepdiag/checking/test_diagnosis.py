@@ -187,7 +187,8 @@ class TestMachine:
         assert len(notes) == 10
         assert (
             notes[2].text
-            == "without heartbeat a control that no longer renews its signals is not noticed"
+            == "without the signal heartbeat, a control that no longer renews its signals is "
+            "not noticed"
         )
 
     def test_the_indispensable_signal_refused_is_an_error_any_other_a_warning(self):

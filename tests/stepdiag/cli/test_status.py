@@ -117,7 +117,7 @@ def test_a_beam_that_was_lost_says_so(survey):
     record(survey, 1, stops)
     reason = told(survey)["setups"][0]["reason"]
     assert reason.startswith(
-        "pass 1: stops 6–10 are not connected with the first stop (beam lost): drive again "
+        "pass 1: stops 6–10 cannot be compared with the first stop (beam lost): drive again "
         "from stop 5 on"
     )
 

@@ -206,7 +206,7 @@ def test_an_old_text_stands_as_it_is() -> None:
     old = Finding(
         code="count-slip",
         severity="warning",
-        text="ppp out, stop 5 of 30: count slip of +1.9 µm",
+        text="ppp out, stop 5 of 30: the laser's count jumped by +1.9 µm",
     )
     assert in_words(old, "de") == old.text
     assert kept(old.text) == ""

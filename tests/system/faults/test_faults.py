@@ -106,7 +106,7 @@ def test_what_can_be_bridged_costs_nothing(tmp_path):
     )
     assert "instrument-restart" not in codes_of(first)
     assert {doubt.code for doubt in book.doubts()} == {"stop-recovered"}
-    assert "from the laser's plateau" in told
+    assert "found in the laser's readings" in told
 
 
 @pytest.mark.impatient

@@ -147,7 +147,7 @@ def test_a_clock_set_by_an_hour_changes_nothing_but_the_time_of_day(tmp_path):
         logs = sorted(place.round.glob("*.mcap*"))
         assert [log.name for log in logs] == [f"{number:04d}.mcap" for number in range(1, 9)]
         assert nothing_silently_wrong(place).complete()
-        assert "the time of day was set by +3600.0 s" in messages(logs)
+        assert "the time of day was changed by +3600.0 s" in messages(logs)
         times = [float(row["time_s"]) for row in readings(place)]
         assert times == sorted(times)
         assert times[-1] < 300

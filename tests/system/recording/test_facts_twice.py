@@ -386,7 +386,9 @@ def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
             said = until(process, "pass-ended", kind="complete")
         book = nothing_silently_wrong(place)
     texts = findings_of(said, "count-slip")
-    assert any("(ppp) out, stop 5 of 10: count slip of" in text for text in texts), texts
+    assert any(
+        "(ppp) out, stop 5 of 10: the laser's count jumped" in text for text in texts
+    ), texts
     assert next(
         each.size_um for each in book.doubts() if (each.pass_number, each.stop) == (1, 4)
     ) == pytest.approx(slip_um, abs=1.0)

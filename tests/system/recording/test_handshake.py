@@ -96,7 +96,7 @@ def test_a_register_that_the_machine_does_not_take_is_named(tmp_path):
             assert "101" in machine_says(process, "handshake-waits")["text"]
             waits = machine_says(process, "handshake-waits")
             assert '"alarm":true' in page_says(port, "alarm_waits")
-    assert "the control counts 1, the answer is 1" in waits["text"]
+    assert "stop counter: 1; answer: 1" in waits["text"]
 
 
 @pytest.mark.impatient

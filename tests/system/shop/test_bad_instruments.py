@@ -244,7 +244,7 @@ ROWS = [
         "umd",
         "another laser",
         says(hpi(0xB015, b"\0" * 7)),
-        'it looks like format = "lasertex"',
+        'the data look like format = "lasertex"',
         "aa b0 15",
     ),
     Row(
@@ -316,7 +316,7 @@ ROWS = [
         "positions not in pairs",
         says(qudis(4, 0x0F00, 1, 2, 3)),
         "cannot be decoded",
-        "not in pairs",
+        "do not form pairs",
     ),
     Row(
         "nd",

@@ -133,7 +133,7 @@ def test_a_silent_laser_and_a_silent_plc(bench_of, check):
     code, findings, _ = check(addresses)
     assert code == 4
     assert (
-        "check that the instrument is on and its baud rate"
+        "check the power and the baud rate of the instrument"
         in findings["laser-silent"]["text"]
     )
     assert "silence" in findings["machine-silent"]["text"]

@@ -94,7 +94,7 @@ def test_what_cannot_be_checked_is_said():
         in without.text
     )
     assert unchecked(parse_survey(survey_text(), "s")) == ()
-    named = "a program that drives another diagonal than its setup code is not noticed"
+    named = "a program that does not drive the diagonal of its setup code is not noticed"
     (coded, _) = unchecked(
         parse_survey(
             survey_text(

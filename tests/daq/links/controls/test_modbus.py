@@ -135,7 +135,7 @@ def test_a_refused_range_is_told_and_the_others_are_read(serve):
         (
             2,
             RefusedRequestError,
-            "reading 3 of table holding from 0.*illegal data address.*register map",
+            "reading 3 entries of table holding from address 0.*illegal data address.*register map",
         ),
         (3, RefusedRequestError, "illegal data value"),
         (4, RefusedRequestError, r"device failure.*plc\.unit"),
@@ -154,7 +154,7 @@ def test_a_silent_device_is_told_from_an_absent_one(serve):
     server = serve(asked.append)
     with pytest.raises(
         SilentDeviceError,
-        match=r"an answer within 0.1 s, found silence.*program runs, and the unit id",
+        match=r"an answer within 0.1 s, found silence.*program runs, and check the unit id",
     ):
         ask(server, [BLOCK], timeout_s=0.1)
     assert len(asked) == 1, "silence is told at once, not asked for again"

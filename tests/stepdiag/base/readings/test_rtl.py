@@ -98,7 +98,7 @@ def test_one_way_runs_are_all_outward():
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("Target-count : 4", "Target-count : 5", "Target-count: 5 numbers"),
+        ("Target-count : 4", "Target-count : 5", "as many numbers as Target-count states"),
         ("Run-count : 2", "Run-count : 3", "no deviation of run 3 at target 1"),
         ("2 1 0.5\n", "", "no deviation of run 2 at target 1"),
         ("2 1 0.5", "2 2 0.5", "every target once in a run"),

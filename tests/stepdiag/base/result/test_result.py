@@ -191,7 +191,7 @@ def test_a_volume_may_have_as_few_and_as_many_increments_as_any_survey(increment
         ),
         (
             changed(["scale", "X", "identified"], True),
-            "scale.X: expected a value if and only if identified is true",
+            "scale.X: expected a value if `identified` is true",
         ),
         (changed(["squareness", "B0Z"], None), "squareness.B0Z: expected this entry"),
         (
