@@ -13,7 +13,8 @@ def main() -> None:
     """Run the daemon, or any other command of the command line.
 
     numpy uses one thread, because the solver's matrices are small: several threads need seven times
-    the processor time. Sums in a fixed order are also the same on every computer.
+    the processor time. With one thread, numpy also adds numbers in a fixed order, so a sum is the
+    same on every computer.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from stepdiag.base.disk.system import LINUX

@@ -104,8 +104,8 @@ def load_result(path: Path | str) -> Result:
 
 
 def save_result(result: Result, path: Path | str) -> None:
-    """Write a result as JSON; the same result gives the same bytes. Raises ``UsageError`` where
-    another file exists.
+    """Write a result as JSON; the same result gives the same bytes. Raises ``UsageError`` if
+    ``path`` exists with other bytes.
     """
     write_hashed(Path(path), result.to_json())
 
@@ -181,10 +181,11 @@ def report(
     language: Literal["en", "de"] = "en",
     pdf: bool = False,
 ) -> list[Path]:
-    """Write the report of a result; return its files: FILE.html, FILE.pdf, or a folder with the
-    HTML and every figure as CSV.
+    """Write the report of a result; return the paths of the written files. The report is FILE.html,
+    FILE.pdf, or a folder with the HTML and every figure as CSV.
 
-    Raises ``UsageError`` if another file exists, or for a PDF without an installed browser.
+    Raises ``UsageError`` if the folder for the report is an existing file, or for a PDF without an
+    installed browser.
     """
     from stepdiag.report.document import build_report
     from stepdiag.report.output import write_report
@@ -205,13 +206,13 @@ def certificate(
     report: Path | str | None = None,
     left: Path | str | None = None,
 ) -> int:
-    """Write the digital calibration certificate (DCC) of a result's file; return the number of its
-    sources. The certificate contains the SHA-256 of each source.
+    """Write the digital calibration certificate (DCC) of a result's file; return the number of
+    sources in the certificate. The certificate contains the SHA-256 of each source.
 
-    ``files`` are the files of an export, ``laboratory`` is the laboratory's file, ``report`` the
-    output of ``stepdiag report``, ``left`` the result's file of the survey after loading. Raises
-    ``UsageError`` for an existing certificate, ``DataError`` for files that do not belong to the
-    result.
+    ``files`` are the files of an export. ``laboratory`` is the laboratory's file. ``report`` is the
+    output of ``stepdiag report``. ``left`` is the file with the result of a survey that was
+    measured after loading. Raises ``UsageError`` for an existing certificate, ``DataError`` for
+    files that do not belong to the result.
     """
     stated, shown, after = (
         None if path is None else Path(path) for path in (laboratory, report, left)

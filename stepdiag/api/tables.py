@@ -50,12 +50,12 @@ _OF_A_FINDING = (
 
 @singledispatch
 def table(of: object) -> Table:
-    """Return readings, the stops or samples of a log, the functions of a result, or findings as
-    columns of equal length.
+    """Return an object of the API as columns of equal length. The object is a set of readings, the
+    stops or the samples of a log, a result, or findings.
 
     A result gives one row per value of a function: name, unit, position_mm, value, u. Samples have
-    the columns of `daq.timing.samples.Samples` without channels; ``counter`` is the clock of the
-    instrument. Raises UsageError for any other type.
+    the columns of `daq.timing.samples.Samples` except ``channels``. The column ``counter`` is the
+    clock of the instrument. Raises UsageError for any other type.
     """
     expected = message(
         "one-of", names=("Readings", "RecordedLog", "Samples", "Result", "Finding")

@@ -1,10 +1,11 @@
 """The printed report as PDF/A-3 (ISO 19005-3, level B) with the certificate attached, made by
 pikepdf (``stepdiag[certificate]``).
 
-A PDF printed by Chromium contains all fonts and no script. It lacks three parts of PDF/A: the
-colour profile (sRGB), the metadata with part and level, and the relation of the attachment to the
-document. The date of printing is removed, so the same report and certificate give the same bytes.
-The requirements come from public sources, not from the text of ISO 19005-3.
+A PDF printed by Chromium contains all fonts and no script. Such a PDF lacks three parts of PDF/A:
+the colour profile (sRGB), the metadata with part and level, and the entry that relates the
+attachment to the document (AFRelationship). The date of printing is removed, so the same report and
+certificate give the same bytes. The requirements come from public sources, not from the text of ISO
+19005-3.
 """
 
 import io
@@ -34,7 +35,7 @@ def _library() -> Any:
 
 def archival(printed: bytes, name: str, certificate: bytes) -> bytes:
     """Return a printed PDF as PDF/A-3 with a certificate attached under its file name. Raises
-    DataError for a print with a missing font."""
+    DataError for a printed PDF without one of its fonts."""
     pikepdf = _library()
     numbers = {
         number: b"(node%08d)" % rank
@@ -97,8 +98,8 @@ def _intent(document: Any) -> Any:
 
 
 def attached_in(archived: bytes, name: str) -> tuple[str, bytes, str]:
-    """Return name and bytes of the only certificate in a PDF, and the program that printed the PDF.
-    Raises DataError unless the PDF contains exactly one certificate."""
+    """Return the name and the bytes of the only certificate in a PDF, and the name of the program
+    that printed the PDF. Raises DataError unless the PDF contains exactly one certificate."""
     pikepdf = _library()
     try:
         with pikepdf.open(io.BytesIO(archived)) as document:

@@ -53,16 +53,16 @@ LOG, RESULT, LEFT, LABORATORY, FILE, REPORT = (
 )
 READINGS, LETTERHEAD, PROFILE = "readings", "letterhead", "profile"
 ONCE = (RESULT, LEFT, LABORATORY, LETTERHEAD, PROFILE)
-"""Roles of which a certificate has at most one source."""
+"""Roles that occur at most once among the sources of a certificate."""
 PERSONS = {name.partition(".")[0]: name for name in WORDS}
-"""Roles of the files beside logs with statements of persons and of the solver, with their file
-names."""
+"""By role: the name of a file beside the logs that contains statements of persons or of the
+solver."""
 AS_LEFT = "_as_left"
 NAMES_ITS_RESULT = "EXPORT_REPORT.txt"
 """The file of an export that contains the SHA-256 of the exported result."""
 _SIGNATURE = "{http://www.w3.org/2000/09/xmldsig#}Signature"
 MOST_FILES = 20_000
-"""Largest number of files in a folder among which the sources of a certificate are searched."""
+"""Largest number of files that are searched for the sources of a certificate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +150,8 @@ def _sources(result: Result) -> list[Link]:
 
 
 def accepted_in(folder: Path) -> list[str]:
-    """Return the accepted findings of a survey's folder, with name and reason."""
+    """Return the accepted findings of a survey's folder, each with the accepting person and the
+    reason."""
     places = (
         (one, f"{one.setup}/{one.pass_number}" + ("" if one.stop is None else f"/{one.stop}"))
         for one in verdicts_in(folder).accepted
@@ -182,11 +183,12 @@ def verify_certificate(certificate: Path, *folders: Path) -> Verified:
 
 
 def verify_archived(archived: Path, *folders: Path) -> Verified:
-    """Return the outcome of `verify_certificate` for the certificate in a PDF, and whether the
-    pages are the print of the report.
+    """Return the outcome of `verify_certificate` for the certificate in a PDF. A PDF that differs
+    from the printed report is a broken link.
 
-    The report is printed again. Another browser gives other bytes; the message contains the
-    browser. Raises DataError for a PDF without a certificate, DeviceError without a browser.
+    The report is printed again for the comparison. Another browser writes other bytes, so the
+    message of this broken link contains both browsers. Raises DataError for a PDF without a
+    certificate, DeviceError without a browser.
     """
     data = read_bytes(archived)
     name, certificate, printer = attached_in(data, archived.name)
@@ -220,8 +222,8 @@ def verify_archived(archived: Path, *folders: Path) -> Verified:
 
 
 def parsed(data: bytes, name: str) -> ET.Element:
-    """Return the tree of a certificate. Raises DataError for another file, and for a document type,
-    which can contain entities."""
+    """Return the tree of a certificate. Raises DataError for a file that is not a certificate, and
+    for a document type declaration, because this declaration can contain entities."""
     try:
         if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
             raise ET.ParseError("a document type")
@@ -255,7 +257,7 @@ def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
     """Return, for each source of a certificate, its file in the folders. Raises BrokenLinkError for
     the first source without a file.
     """
-    # a copy in a folder further down, such as the copy of a replay, comes after its original
+    # Files in shallow folders come first, so an original comes before its copy in a replay.
     found = sorted(
         (path for folder in folders for path in folder.rglob("*")),
         key=lambda path: (len(path.parts), path),
@@ -276,8 +278,8 @@ def _held(links: Sequence[Link], folders: Sequence[Path]) -> dict[Link, Path]:
         role, name, sha = link
         holding = [path for path, found in hashes.items() if found == sha and sha]
         if role == FILE:
-            # two exports may hold files with the same bytes; the report of an export names its
-            # folder, so the folder with most of the files is taken
+            # Two exports can contain equal files.
+            # The folder that contains the most files of the certificate is chosen.
             holding.sort(key=lambda path: -together[path.parent])
         path = next(
             (path for path in holding if path.name == name),
@@ -456,8 +458,8 @@ def _solved(
     solved = solve_readings_file(
         of["readings"], beside, method=result.method, chain=result.chain, monte_carlo=trials
     )
-    # a person's statement about the compensation is in no reading; the files named in the statement
-    # may have other names in their present folder
+    # The readings do not contain a person's statement about the compensation.
+    # The files named in this statement can have other names in their present folder.
     return replace(
         solved,
         survey=None if result.survey is None else stated_in(result).facts(),

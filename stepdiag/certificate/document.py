@@ -80,9 +80,10 @@ def certificate_of(
     """Return the certificate of a result.
 
     ``custody`` contains every source with its SHA-256, ``left`` is the result after loading,
-    ``accepted`` are the accepted findings with name and reason. Raises DataError if the time of the
-    measurement is missing in result and file (the schema requires it), or if ``left`` has another
-    machine, another volume or an earlier day.
+    ``accepted`` are the accepted findings with the accepting person and the reason. Raises
+    DataError if the time of the measurement, which the schema requires, is missing in the result
+    and in the laboratory's file, or if ``left`` has another machine, another volume or an earlier
+    day.
     """
     if left is not None:
         _require_later(result, left)
@@ -261,8 +262,9 @@ def _contact(name: str, place: Place, known: str = "") -> ET.Element:
 
 
 def _statement(one: Judged, state: str) -> ET.Element:
-    """Return the statement of conformity about one value. An undecided value has a conditional
-    pass or fail (ILAC-G8), by the side of the limit on which its value is."""
+    """Return the statement of conformity about one value. If the interval of a value contains the
+    limit, the verdict is conditional (ILAC-G8): a conditional pass for a value within the limit,
+    otherwise a conditional fail."""
     name = {
         language: f"{catalogue('report', language)[state]}: {quantity_words(one, language)}"
         for language in LANGUAGES

@@ -1,4 +1,4 @@
-"""Elements of a DCC 3.3.0 with values of D-SI 2.2.1, by the standard library."""
+"""Elements of a DCC 3.3.0 with values of D-SI 2.2.1, built with Python's standard library."""
 
 from collections.abc import Iterable, Mapping
 from statistics import NormalDist
@@ -67,7 +67,8 @@ def real(figure: Figure) -> ET.Element:
 
 def _covariance(figure: Figure) -> ET.Element:
     """Return the element with the covariance of a list of values and the coverage factor k of their
-    rectangular region: with a probability of at least P, all values are within k u at once.
+    rectangular coverage region. All values together are within their k u with a probability of at
+    least `P`.
 
     Source: JCGM 102:2011, 7.7.3 (Bonferroni): k of a normal distribution for P = 1 - 0.05 / n.
     """

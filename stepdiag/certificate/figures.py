@@ -47,8 +47,8 @@ COVARIANCE_DECIMALS = 6
 
 class Figure(NamedTuple):
     """A quantity of a certificate: ``name``, ``refers`` (refType), ``unit``, ``values`` as texts,
-    their U (``expanded``, k = 2), their positions in metres (``at``), and their covariance (k = 1)
-    column by column in the square of the unit."""
+    their U (``expanded``, k = 2), their positions in metres (``at``), and their covariance (k = 1).
+    The covariance is a sequence of columns; its unit is the square of ``unit``."""
 
     name: str
     refers: str
@@ -140,8 +140,9 @@ def figures_of(result: Result) -> Iterator[Figure]:
 
 
 def _covariance(result: Result, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return the covariance of quantities: correlations of the posterior times the u in the result.
-    It is empty if the posterior has other positions than the values, or a u is missing."""
+    """Return the covariance of quantities: the correlations of the posterior, scaled with the
+    standard uncertainties of the result. Return an empty covariance if the posterior has other
+    positions than the values, or if a standard uncertainty is missing."""
     deviations = {} if result.posterior is None else result.posterior.deviations()
     if not names or not set(names) <= deviations.keys():
         return ()

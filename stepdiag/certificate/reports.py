@@ -32,8 +32,8 @@ def follows(
 ) -> bool:
     """Return whether a report follows from its sources, with or without the exports and readings.
 
-    ``of`` contains the files of result, laboratory, letterhead, profile and result after loading by
-    their roles.
+    ``of`` contains files by their roles: the result, the result after loading, the laboratory's
+    file, the letterhead and the profile.
     """
     text = as_text(read_bytes(report), report.name)
     language = language_of(text)

@@ -79,8 +79,8 @@ def require_signature(certificate: Path, key_certificate: Path) -> None:
 
 
 def _require_plain(signature: Any, certificate: bytes) -> None:
-    """Raise ValueError for a change in the unprotected parts of a signature: another X.509
-    certificate, or another form of the numbers."""
+    """Raise ValueError for a change in the parts of a signature that the signature does not
+    protect: another X.509 certificate, or another Base64 form of the same bytes."""
     texts = {
         name: "".join(signature.findtext(f".//{{*}}{name}", "").split())
         for name in ("SignatureValue", "X509Certificate")

@@ -35,9 +35,9 @@ class Beside:
 def write_certificate(
     result: Path, found: Result, out: Path, beside: Beside, pdf: Path | None = None
 ) -> int:
-    """Write the certificate of a result's file, which contains the result ``found``; return the
-    number of its sources. With ``pdf``, also write the printed report with the certificate
-    attached.
+    """Write the certificate of the file ``result``; return the number of sources in the
+    certificate. The argument ``found`` is the result that this file contains. With ``pdf``, also
+    write the printed report with the certificate attached.
 
     Raises UsageError for an existing certificate, DataError for files that do not belong to the
     result.

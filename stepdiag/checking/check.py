@@ -1,4 +1,5 @@
-"""Observation of a survey's links: counts, decoded samples, and the last value of each signal."""
+"""Observation of a survey's links, which are the connections to laser, machine, head and air
+sensor: counts, decoded samples, and the last value of each signal."""
 
 import asyncio
 from collections import Counter
@@ -19,7 +20,7 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag, Samples
 
 LOOK_S = 0.25
-"""Period in s in which the links are examined."""
+"""Time in s between two examinations of the links."""
 NS = 1e-9
 
 
@@ -88,7 +89,7 @@ class StreamSeen:
 
     @property
     def rate_hz(self) -> float | None:
-        """Return the number of samples per second; None with too few samples."""
+        """Return the number of samples per second, or None with too few samples."""
         span_s = (self._last_ns - self._first_ns) * NS
         return (self.samples - self._before_first) / span_s if span_s > 1.0 else None
 
@@ -130,7 +131,7 @@ class MachineSeen:
 
     @property
     def rate_hz(self) -> float | None:
-        """Return the number of answered polls per second; None with too few polls."""
+        """Return the number of answered polls per second, or None with too few polls."""
         return self.polls / self.heard_s if self.heard_s > 1.0 else None
 
 

@@ -25,10 +25,10 @@ from stepdiag.daq.timing.samples import Flag
 HEARTBEAT_S = 1.0
 """Longest time in s between two changes of the heartbeat (contract 2)."""
 JUDGED_AFTER_S = 2.5
-"""Time in s without a change or arrival of a signal after which the signal is reported."""
+"""Shortest time of observation in s: after less time, rates and the heartbeat are not judged."""
 GARBAGE_SHARE = 0.01
-"""Share of undecodable lines above which they are reported: a correct wiring gives single disturbed
-lines."""
+"""Share of undecodable lines above which these lines are reported. Correct wiring also gives an
+occasional disturbed line."""
 RATE_SHARE = 0.05
 """Relative deviation from the nominal sample rate above which the rate is reported: the clocks of
 instruments are more accurate."""
@@ -41,8 +41,8 @@ PLAUSIBLE = {
     "z_mm": (-50_000.0, 50_000.0),
     **HALL,
 }
-"""Possible values of a machine's signals in a hall. A value outside them comes from the wrong
-register, or was read with the wrong type, byte order or scale."""
+"""Range of the possible values of each signal of a machine in a workshop. A value outside its range
+comes from the wrong register, or was read with the wrong type, byte order or scale."""
 _FLAG_WORDS = {
     Flag.HEAD_ERROR: message("check-head-error"),
     Flag.SLEW: message("check-slew"),
@@ -191,7 +191,8 @@ def _machine(
 
 def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Finding]:
     """Yield the contradictions of the register map, and the checks that are impossible without the
-    absent signals. The signals in ``air`` come from the laser or a sensor and are not absent.
+    absent signals. The signals in ``air`` come from the laser or a sensor, so the register map does
+    not need these signals.
     """
     why = machine.link.detail
     for name in plc.signal_names:

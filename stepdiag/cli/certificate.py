@@ -81,8 +81,8 @@ def certify_folder(folder: Path) -> Path:
     """Write the certificate of a finished survey beside its logs; return its path.
 
     The certificate contains the files of every export. A separate report (``certificate.html``) is
-    written too. Both contain the data of ``laboratory.toml`` in the folder of the survey or the
-    folder above it. If a certificate exists, the new file name gets a number.
+    written too. Certificate and report contain the data of ``laboratory.toml`` in the folder of the
+    survey or the folder above it. If a certificate exists, the new file name gets a number.
     """
     from stepdiag.base.files import read_text
     from stepdiag.base.result.result import result_in

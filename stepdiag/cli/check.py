@@ -71,7 +71,7 @@ def watched(seen: "Observation", seconds: float, *, quiet: bool) -> None:
     from stepdiag.checking.check import watch
     from stepdiag.checking.tables import check_table
 
-    # The links log what this command shows by itself.
+    # The log messages of the links would repeat the output of this command.
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
     console = Console(stderr=quiet)

@@ -282,9 +282,10 @@ def _read_back(
     *,
     before: bool,
 ) -> "ReadBack | None":
-    """Return the comparison of the control's contents with the written files, or for ``before``
-    (loading) with the machine's own files. None without files of the control. Raises DataError for
-    files of another control."""
+    """Return the comparison of the control's contents with the written files. With ``before``, the
+    contents are compared with the machine's own files, because no file is loaded yet. Return None
+    without files that were read out of the control. Raises DataError for files of another
+    control."""
     from stepdiag.exporters.files.sets import read_given
     from stepdiag.exporters.profiles.file import quick_profile
     from stepdiag.exporters.safety.read_back import compare, compare_before
@@ -364,8 +365,8 @@ def tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str
     """Return the active files, and the names of the ignored files (notes, and restore files beside
     their originals).
 
-    A folder means the set that an export wrote into it. Raises DataError for a file of no control,
-    or without any file for a control. Raises SafetyError for a changed set.
+    A folder stands for all files that an export wrote into the folder. Raises DataError for a file
+    of no control, or without any file for a control. Raises SafetyError for a changed set.
     """
     from stepdiag.exporters.export.written import REPORT
     from stepdiag.exporters.files.naming import is_restore

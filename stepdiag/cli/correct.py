@@ -18,7 +18,7 @@ def correct(
     name: str = "",
     yes: Annotated[bool, typer.Option("--yes")] = False,
 ) -> None:
-    """Read existing logs by a corrected survey file."""
+    """Read existing logs with a corrected survey file."""
     import getpass
     import time
 

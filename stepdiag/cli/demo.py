@@ -31,7 +31,7 @@ def demo(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> None:
-    """Do the whole job on a virtual machine."""
+    """Record, solve, export and verify a survey on a virtual machine."""
     if live and as_json:
         raise UsageError(
             "--json", expected=message("without-option", option="--live"), found="--live"
@@ -46,8 +46,7 @@ def demo(
             found=message("none"),
         )
     with _progress() as progress:
-        # the libraries need seconds on a busy computer: a first line is printed before they are
-        # loaded
+        # On a busy computer, loading these libraries takes seconds, so the progress starts first.
         from stepdiag.demo.demo import demonstrate
         from stepdiag.demo.processes import ended_in_order
 

@@ -1,4 +1,4 @@
-"""The assumptions behind U. Every command that prints U also prints these assumptions."""
+"""The assumptions behind U, which every command prints together with U."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING

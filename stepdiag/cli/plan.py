@@ -70,7 +70,7 @@ def plan(
 
 def _print_foreseen(survey: "Survey") -> None:
     """Print the errors that the survey cannot separate without signals of the machine, and the axes
-    whose targets hide the pitch of the screw.
+    whose targets do not show the periodic error of the ball screw.
     """
     from stepdiag.completion.foreseen import hidden_waves
     from stepdiag.daq.capture.remarks.unchecked import unchecked
@@ -195,9 +195,10 @@ def _named_json(forecast: "Forecast") -> dict[str, Any]:
 
 
 def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
-    """Return three sizes in um: the slip of the count on a diagonal that half of all surveys
-    detect, the slip that nearly all surveys detect, and the effect of the first slip on the volume.
-    Empty for a plan without diagonals."""
+    """Return three sizes in um, or an empty dictionary for a plan without diagonals. The value
+    ``unseen_step_um`` is the slip of the laser count that half of all surveys detect,
+    ``seen_step_um`` the slip that nearly all surveys detect. The value ``unseen_step_volume_um`` is
+    the volumetric error that a slip of ``unseen_step_um`` causes."""
     unseen = ahead.unseen
     if unseen is None:
         return {}

@@ -34,7 +34,7 @@ def asked(
     default: str | None = None,
 ) -> Any:
     """Return the answer to a question from the option or from the person; without a terminal the
-    default. An invalid answer is asked again."""
+    default. After an invalid answer the question is asked again."""
     import click
 
     if given is not None:

@@ -104,8 +104,8 @@ def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":
 
 
 def read_result(path: Path, name: str = "") -> "Result":
-    """Return the result in a file or in the folder of a survey. Messages call it ``name``, by
-    default the file name.
+    """Return the result in a file or in the folder of a survey. Error messages contain ``name`` as
+    the name of the result, by default the file name.
 
     Raises ``UsageError`` for a missing or unreadable file, ``DataError`` for a file that is not a
     result.

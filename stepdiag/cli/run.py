@@ -75,8 +75,8 @@ def complete(
 
 
 def pack(folder: Path, max_gb: float) -> None:
-    """Pack the oldest finished surveys of a folder until it is within its limit of size (`run`
-    starts this).
+    """Pack the oldest finished surveys of a folder until the folder is smaller than ``max_gb``
+    (`run` starts this command).
     """
     from stepdiag.daq.service.priority import lower_priority
 

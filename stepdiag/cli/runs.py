@@ -162,8 +162,8 @@ def _placed(option: str, where: str = "--run") -> tuple[str, Path, list[float]]:
 
 
 def import_tables(tables: Sequence[str], columns: Sequence[str], out: Path) -> None:
-    """Write the readings, angles and straightness in tables (linear-x=FILE[@X,Y,Z]) into a folder.
-    Raises DataError or UsageError."""
+    """Read tables of other programs (linear-x=FILE[@X,Y,Z]), and write their readings, angles and
+    straightness into a folder. Raises DataError or UsageError."""
     import numpy as np
 
     from stepdiag.base.files import hashed, read_text, write_together

@@ -23,8 +23,8 @@ def register(app: typer.Typer) -> None:
 
 
 def install(file: Path, dry_run: DryRun = False, root: Path = Path("/")) -> None:
-    """Write unit, rules, token, and a drop-in that opens the devices and addresses that the survey
-    needs.
+    """Write the files of a survey's service: the systemd unit, the rules, the token, and a drop-in.
+    The drop-in permits the devices and addresses that the survey needs.
     """
     from stepdiag.daemon.installation import carry_out, plan_install
 

@@ -187,8 +187,8 @@ def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered],
 
 
 def _while_saying(words: Message, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-    """Return the result of an asynchronous function. The questions are asked inside its loop, so
-    that Ctrl-C closes the loop properly."""
+    """Return the result of an asynchronous function. The words are printed inside the event loop,
+    so that Ctrl-C closes the loop properly."""
     import asyncio
 
     async def asked_and_done() -> T:

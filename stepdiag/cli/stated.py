@@ -33,7 +33,7 @@ def with_compensation(
     """Return the result with the operator's statement of active files, and the hashes of these
     files.
 
-    Raises UsageError for an incomplete statement, or if the survey already contains one.
+    Raises UsageError for an incomplete statement, or if the survey already contains a statement.
     """
     from dataclasses import replace
 

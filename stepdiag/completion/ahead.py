@@ -74,8 +74,8 @@ def _readings(survey: Survey, book: PassBook) -> Readings | None:
 def known_before(
     file: Path, survey: Survey, about: Circumstances
 ) -> tuple[Circumstances, Path | None]:
-    """Return the circumstances of a survey, with the assumed sizes that the last finished survey of
-    this machine found, and the folder of that survey if it determined the angles.
+    """Return ``about`` with the assumed sizes that the last finished survey of this machine found.
+    Return also the folder of this last survey if this survey determined the angles, otherwise None.
 
     The last survey is searched in the neighbouring folders and in the store. Raises UsageError for
     a store that does not exist.

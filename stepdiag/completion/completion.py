@@ -1,7 +1,7 @@
 """The completion of a survey, live or replayed: readings, result, controller files.
 
-The completion runs in a separate process. All its input, including the date of the export, is in
-the logs, so a replay writes the same bytes.
+The completion runs in a separate process. The logs contain all input of the completion, including
+the date of the export, so a replay writes the same bytes.
 """
 
 import shlex
@@ -83,10 +83,10 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     ``survey_file`` replaces an unusable survey file in the logs.
 
     Raises DataError for missing passes, for a survey without a solution, and for an open doubt.
-    With an open doubt, only ``judged.jsonl`` (the reason) and the readings are written, and later
-    readings replace them. A file of a complete survey is never replaced. The reason of a refused
-    export is written to ``exports/<controller>/REFUSED.txt``; the other exports and the result are
-    written.
+    With an open doubt, only the readings and ``judged.jsonl`` are written. The file
+    ``judged.jsonl`` contains the reason. A later completion replaces the readings. A file of a
+    complete survey is never replaced. The reason of a refused export is written to
+    ``exports/<controller>/REFUSED.txt``; the other exports and the result are written.
     """
     replayed = leave_readings(paths, out, survey_file)
     try:
@@ -99,8 +99,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
         raise
     _require_settled(replayed, out)
     text = computed.to_json()
-    # from here on, the rounded numbers of the file are used: the last bits of a sum differ from
-    # processor to processor
+    # The numbers of the file are rounded, so they are equal on every processor.
     result = parse_result(text, RESULT)
     exports, refusals = _export_all(replayed, result, out / EXPORTS)
     write_hashed(out / RESULT, text)
@@ -113,7 +112,7 @@ def leave_readings(
     paths: Sequence[Path], out: Path, survey_file: Path | None = None
 ) -> Replayed:
     """Write the readings of logs into ``out``, including readings with doubts; return the logs with
-    the later verdicts about them.
+    the later verdicts about the readings.
 
     ``survey_file`` as in `complete`. Raises DataError for missing passes.
     """

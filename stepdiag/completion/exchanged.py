@@ -10,7 +10,8 @@ def with_line(survey: Survey, found: Finding) -> Finding:
     """Return a finding of exchanged diagonals with the wrong line of the survey file and its new
     value; any other finding unchanged.
 
-    The place of the finding is the first pass of the first diagonal, where a person can accept it.
+    The finding belongs to the first pass of the first diagonal, so a person can accept this finding
+    for this pass.
     """
     if found.message is None or found.message.key != "step-mismatch.names":
         return found

@@ -18,7 +18,7 @@ from stepdiag.solver.planning.information import Zone
 from stepdiag.solver.planning.planner import forecast
 
 LINUXCNC = "linuxcnc"
-"""The control with a kinematics option that uses a lattice."""
+"""The control that can use a lattice, by an option of its kinematics."""
 
 
 def circumstances(survey: Survey, folder: Path | None = None) -> Circumstances:
@@ -101,8 +101,8 @@ def hidden_slip(survey: Survey) -> Iterator[Finding]:
 
 
 def hidden_waves(survey: Survey) -> Iterator[Finding]:
-    """Yield the axes whose targets do not show waves of the screw's pitch, and the next number of
-    increments that shows them.
+    """Yield a finding about the axes whose targets do not show the periodic error of the ball
+    screw. The finding contains the next number of increments whose targets show this error.
 
     Yields nothing for a survey file without a pitch, for linear scales, and for runs with irregular
     targets.

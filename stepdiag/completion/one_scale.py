@@ -1,11 +1,13 @@
 """An equal scale of all axes: its cause is a wrong entry about air, wavelength or expansion, or a
 machine with this scale.
 
-A wrong entry lengthens all axes equally by a known amount. The scales of a machine have a common
-part (a warm screw, a glass scale) and a part per axis; three axes that are all too long by 270 µm/m
-are rare. The program compares the likelihood of the measured scales with their likelihood less the
-effect of each wrong entry; the odds against a wrong entry are the prior. If the scales cannot
-separate both explanations, the finding contains both, and the reading of the laser that decides.
+A wrong entry in the survey file lengthens all axes equally by a known amount. The scales of a
+machine have a common part (a warm screw, a glass scale) and a part per axis; three axes that are
+all too long by 270 µm/m are rare. For each wrong entry, the program subtracts the effect of the
+entry from the measured scales. The program then compares the likelihood of these scales with the
+likelihood of the measured scales. The prior contains the odds against a wrong entry. If the scales
+cannot separate both explanations, the finding contains both explanations. The finding also contains
+the reading of the laser that decides between both explanations.
 """
 
 from collections.abc import Iterator
@@ -31,15 +33,16 @@ ALIKE = 3.0
 """Logarithm of the odds above which a machine with this common scale is the better explanation: the
 probability of a wrong entry is then below one in twenty."""
 TWICE = 5.0
-"""Logarithm of the odds against an expansion that is removed twice. It is smaller than for other
-wrong entries, because displays with a material sensor remove the expansion by default."""
+"""Logarithm of the odds against an expansion that is removed twice. These odds are smaller than the
+odds against other wrong entries, because displays with a material sensor remove the expansion by
+default."""
 
 
 def one_scale(survey: Survey, result: Result) -> list[Finding]:
-    """Return the error about the entry on air, wavelength or expansion that explains, or can
-    explain, the equal scales; empty without such an entry or with a single measured axis.
+    """Return the finding about the entry on air, wavelength or expansion that can explain the equal
+    scales. Return no finding without such an entry, or with a single measured axis.
 
-    The place of the error is the first linear run, where a person can accept it.
+    The finding belongs to the first linear run, so a person can accept this finding for this run.
     """
     scales = {axis: scale for axis, scale in result.scale.items() if scale.value is not None}
     if len(scales) < 2:

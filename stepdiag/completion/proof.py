@@ -63,8 +63,8 @@ class ProofFiles:
 def planned(
     given: ProofFiles, acting: Sequence[Path], minutes: float
 ) -> tuple[ProofPlan, str]:
-    """Return the plan of a proof run for the active files ``acting``, and its survey file. Raises
-    the errors of `loaded_in` and `plan_proof`."""
+    """Return the plan of a proof run for the active files ``acting``, and the survey file of the
+    proof run. Raises the errors of `loaded_in` and `plan_proof`."""
     text = read_text(given.survey)
     survey = parse_survey(text, given.survey.name)
     proof = Section(
@@ -129,8 +129,8 @@ class Loaded:
 
 
 def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
-    """Return the basis of a proof run from the ``files`` that its survey file contains; None for
-    any other survey.
+    """Return the basis of a proof run from the ``files`` in its survey file, or None for any other
+    survey.
 
     Raises DataError or UsageError for a damaged file.
     """
@@ -164,8 +164,8 @@ def loaded_in(survey: Survey, files: Mapping[str, bytes]) -> Loaded | None:
 
 
 def proof_of(survey: Survey, files: Mapping[str, bytes], readings: Readings) -> Proof | None:
-    """Return the verdict about a proof run from its readings; None for any other survey. Raises the
-    errors of `loaded_in`."""
+    """Return the verdict about a proof run from its readings, or None for any other survey. Raises
+    the errors of `loaded_in`."""
     held = loaded_in(survey, files)
     return (
         None if held is None else prove(held.result, held.readings, readings, *held.tables())

@@ -2,8 +2,8 @@
 load, next step.
 
 Page, report, `status` and terminal show the conclusion, and ``conclusion.json`` contains it. All
-uncertainties come from result and prediction. `report`, `page`, `daemon` and `cli` import this
-package.
+uncertainties come from the result and from the prediction. `report`, `page`, `daemon` and `cli`
+import this package.
 """
 
 from stepdiag.conclusion.concluding import (

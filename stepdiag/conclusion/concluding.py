@@ -47,7 +47,7 @@ KNOBS = {
 }
 """Sources of the uncertainty budget, each with the measure that reduces its share."""
 LEAST_SHARE = 0.1
-"""Share of the largest error below which the conclusion leaves an error out."""
+"""The conclusion leaves out an error that is smaller than this share of the largest error."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +73,7 @@ class Conclusion:
     wrong: tuple[tuple[Contribution, Sentence], ...]
     unknown: tuple[Sentence, ...]
     reach: Reach | None
-    """The predicted volumetric error; None for a survey of less than three axes."""
+    """The predicted volumetric error, or None for a survey of less than three axes."""
     reached: tuple[Sentence, ...]
     verdict: tuple[Sentence, ...]
     """The verdict by ISO 14253-1, as found and as predicted; empty without a tolerance."""
@@ -235,7 +235,8 @@ def _unknown(result: Result) -> Iterator[Sentence]:
 
 def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
     """Yield sentences about slips of the count that can stay undetected: the most harmful slip, and
-    the passes in which a slip affects the volume more than the noise.
+    the passes in which a slip has a larger effect on the volumetric error than the noise of the
+    readings.
 
     U contains the noise of the readings but no slip. The most harmful slip is always reported,
     because it grows with the noise of the readings.
@@ -358,9 +359,10 @@ def _basis(found: Basis) -> Iterator[Sentence]:
 
 
 def taken_for_granted(assumed: Mapping[str, float]) -> Sentence | None:
-    """Return the assumed sizes behind U as a sentence; None if a size is missing.
+    """Return the assumed sizes behind U as a sentence, or None if a size is missing.
 
-    Results of older versions assumed no growth and do not contain it.
+    Results of older versions contain no growth, because the older versions assumed that the machine
+    does not grow.
     """
     sizes = {"growth_um_m": 0.0, **assumed}
     if not sizes.keys() >= set(ASSUMED):
@@ -382,8 +384,8 @@ def _figure(when: str, rms: Interval, largest: Interval) -> Sentence:
 
 
 def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
-    """Yield the parts of an export that can be loaded now, one sentence per control. No part can be
-    loaded before its sign test."""
+    """Yield one sentence per control: whether the files of its export can be loaded now. Tables
+    with an untested sign must not be loaded before the sign test."""
     if not exports:
         yield Sentence(key="load_none")
     for one in exports:
@@ -427,12 +429,12 @@ def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]
 
 
 def _missing(result: Result, *, refused: bool) -> list[str] | None:
-    """Return the runs without which no table can be made; empty if only repeated runs help; None if
-    no run is missing.
+    """Return the missing runs without which no table can be made. Return an empty list if repeated
+    runs are needed instead, or None if no run is missing.
 
-    Unknown scales alone refuse no export, so a ``refused`` export has another reason. The diagonals
-    determine the sum of the three scales, so runs are needed along all axes with an unknown scale
-    except the longest one.
+    An export is not refused because of unknown scales alone, so a ``refused`` export has another
+    reason. The diagonals determine the sum of the three scales, so runs are needed along all axes
+    with an unknown scale except the longest one.
     """
     if not result.volume.solid:
         return None

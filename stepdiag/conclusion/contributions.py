@@ -21,8 +21,8 @@ class Contribution:
     """An error of the machine. ``effect_um`` is the movement of the tool that this error causes
     from one end of the volume to the other, ``u_um`` its standard uncertainty.
 
-    ``value`` is the error in ``unit``, of a function its range. ``length_mm`` is the travel over
-    which the effect is computed.
+    ``value`` is the error in ``unit``; for a function, ``value`` is the range of the function.
+    ``length_mm`` is the travel over which the effect is computed.
     """
 
     name: str
@@ -87,7 +87,7 @@ def _scales(result: Result) -> Iterator[Contribution]:
 
 
 def _functions(result: Result) -> Iterator[Contribution]:
-    """Yield the shapes of the functions. Their end-point line is removed, because it belongs to the
+    """Yield the contributions of the functions without their end-point lines, which belong to the
     scale or the squareness."""
     for name in DISPLACEMENTS:
         function = result.errors[name]

@@ -60,7 +60,8 @@ def titles_of(language: Language) -> dict[str, str]:
 
 
 def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[str]]:
-    # files of older programs have no section for the basis, surveys without a tolerance no verdict
+    # Files of older versions have no section for the basis.
+    # Surveys without a tolerance have no section for the verdict.
     return {
         section: [sentence[language] for sentence in document.get(section, [])]
         for section in SECTIONS
@@ -68,8 +69,8 @@ def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[
 
 
 def conclusion_in(folder: Path) -> dict[str, Any] | None:
-    """Return the JSON of the conclusion in a survey's folder; None for a missing conclusion or one
-    of another version."""
+    """Return the JSON of the conclusion in a survey's folder, or None if the conclusion is missing
+    or has another version."""
     try:
         document = json.loads((folder / CONCLUSION).read_text(encoding="utf-8"))
     except (OSError, ValueError):

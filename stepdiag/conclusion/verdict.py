@@ -18,8 +18,8 @@ SURE = 0.99
 
 
 ROUNDING = 1e-4
-"""Largest difference in um and urad between the two halves of a symmetric interval; the last digits
-in the file cause it."""
+"""Largest difference in um and urad between the two halves of a symmetric interval: the numbers in
+the file are rounded."""
 
 
 def judged_in(result: Result, exported: Reach | None = None) -> Conformity | None:

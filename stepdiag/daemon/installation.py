@@ -38,7 +38,8 @@ SHARED = {
     "90-stepdiag.rules": Path("etc/udev/rules.d/90-stepdiag.rules"),
     "stepdiag.modules.conf": Path("etc/modules-load.d/stepdiag.conf"),
 }
-"""Files that all surveys of a computer share: their names in the package, and their places."""
+"""Files that all surveys of a computer share: their names in the package, and their paths on the
+computer."""
 DROP_IN = "50-survey.conf"
 PRIVATE_NETWORKS = ("link-local", "10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "fc00::/7")
 """Private networks that can reach a page that is open to other computers."""
@@ -59,8 +60,8 @@ class Step:
 
 
 def plan_install(survey_file: Path, root: Path) -> list[Step]:
-    """Return the steps of an installation below ``root``. Raises UsageError for a survey file that
-    is wrong or at another place."""
+    """Return the steps of an installation below ``root``. Raises UsageError for an invalid survey
+    file, or a survey file outside the folder of the service."""
     survey = load_survey(survey_file)
     name = name_of(survey_file, root)
     steps = [
@@ -107,8 +108,9 @@ def carry_out(steps: list[Step]) -> None:
 
 
 def drop_ins(name: str, survey: Survey, folder: Path) -> dict[Path, str]:
-    """Return the drop-ins of a survey by their places. The recorder's drop-in contains the devices.
-    The page's drop-in contains the addresses and the credentials in ``folder``. Raises UsageError.
+    """Return the systemd drop-ins of a survey by their paths. The recorder's drop-in contains the
+    devices. The page's drop-in contains the addresses and the credentials in ``folder``. Raises
+    UsageError.
     """
     texts = {_of(UNIT, name): ("Service", _network(survey))}
     if survey.page.enabled or survey.metrics.enabled:
@@ -178,8 +180,8 @@ def _of(unit: str, name: str) -> Path:
 def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
     """Yield the steps for a file that all surveys share.
 
-    A package renews its own file with each upgrade. A copy of an older version in /etc would hide
-    this file, so no copy is written.
+    If a package contains the file, no copy is written to /etc: after an upgrade of the package,
+    systemd would still read the old copy.
     """
     packaged = root / "usr/lib" / place.relative_to("etc")
     if packaged.is_file() and sys.prefix == PACKAGED:
@@ -189,7 +191,7 @@ def shared_steps(source: str, place: Path, root: Path) -> Iterator[Step]:
 
 
 def shared(source: str, root: Path) -> str:
-    """Return the text of a systemd file of this program; a unit contains the places of this
+    """Return the text of a systemd file of this program; a unit contains the folders of this
     installation. Raises UsageError."""
     for folder in (
         Path(sys.prefix) / "share/stepdiag/systemd",

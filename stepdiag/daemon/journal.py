@@ -1,5 +1,5 @@
-"""The journal of the daemon: one line per change of state on standard error; JSON if standard error
-is no terminal."""
+"""The journal of the daemon: one line per change of state on standard error. If standard error is
+not a terminal, each line is a JSON object."""
 
 import logging
 import sys

@@ -1,7 +1,8 @@
 """The folders of this program on the disk, and the systemd unit that can read only these folders.
 
 pyenv and uv install Python in the home of a user, which the unit otherwise cannot read. A virtual
-environment refers to this Python by links; every folder with a link must be visible in the unit.
+environment refers to its Python by links. Every folder with such a link must be visible in the
+unit.
 """
 
 import os
@@ -26,8 +27,8 @@ LINKS = 40
 
 
 def places_of_program() -> list[Path]:
-    """Return the folders of the environment, its Python and the package, without folders inside
-    another one and without the folders of the operating system."""
+    """Return the folders of the environment, of its Python and of the package. A folder inside
+    another returned folder is left out, and so are the folders of the operating system."""
     found = [
         Path(sys.prefix),
         Path(sys.base_prefix),
@@ -53,7 +54,7 @@ def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> s
         f"{PACKAGED}/bin", f"{sys.prefix}/bin"
     )
     if any(set(place.parents) & set(HOMES) for place in places):
-        # the homes are then empty except for the bound paths: `yes` would hide these paths too
+        # The value yes would also hide the bound folders of the program in a home.
         unit = unit.replace("ProtectHome=yes", "ProtectHome=tmpfs")
     return unit
 
@@ -102,7 +103,7 @@ def _assert_no_home(place: Path) -> None:
 
 def _assert_read_by_all(place: Path) -> None:
     """Refuse a folder that not every account can read, because the service has its own account. The
-    rights of the folders above it have no effect, because the service enters the bound folder
+    rights of the parent folders have no effect, because the service enters the bound folder
     directly."""
     place = place.resolve()  # not every chmod command follows a link
     closed = next(

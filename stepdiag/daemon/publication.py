@@ -47,7 +47,7 @@ class Publication:
 
     @property
     def who(self) -> tuple[str, str]:
-        """Return the names of the credentials with user and password, both or none."""
+        """Return the names of the two credentials that contain user and password."""
         return (
             ("mqtt-user", "mqtt-password")
             if self.broker
@@ -56,8 +56,8 @@ class Publication:
 
 
 def plan_publication(survey_file: Path, root: Path, publication: Publication) -> list[Step]:
-    """Return the steps of an installation below ``root``. Raises UsageError for a survey file that
-    is wrong or at another place."""
+    """Return the steps of an installation below ``root``. Raises UsageError for an invalid survey
+    file, or a survey file outside the folder of the service."""
     load_survey(survey_file)
     name = name_of(survey_file, root)
     text = drop_in(name, survey_file.parent, publication)

@@ -14,8 +14,8 @@ from stepdiag.daq.replay import find_logs
 from stepdiag.report.completed import write_completed_report
 
 _FOLLOWS = re.compile(rb"\b[0-9a-f]{64}\b|base64,[A-Za-z0-9+/=]+")
-"""Pattern of hashes in files, and of tables inside a report: they follow from numbers that are
-compared elsewhere."""
+"""Pattern of hashes, and of encoded tables in a report. Hashes and tables are computed from numbers
+that are compared elsewhere."""
 _NUMBER = re.compile(rb"-?\d+(?:\.(\d+))?")
 
 

@@ -36,8 +36,7 @@ GIVE_WAY_S = 0.0005
 def record(survey_file: Path, *, verbose: bool = False) -> None:
     """Record surveys until the end of the process; solve and export each complete survey. Raises
     the errors of `serve`."""
-    # otherwise a tenth of the start time would be spent in a garbage collection of the imported
-    # modules
+    # A garbage collection during the imports would take a tenth of the start time.
     gc.disable()
     sys.setswitchinterval(GIVE_WAY_S)
     import asyncio

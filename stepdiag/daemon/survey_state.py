@@ -68,10 +68,10 @@ class Standing:
     """Missing passes in the order of driving."""
     logs: tuple[LogStanding, ...]
     live: LiveStatus | None
-    """The state of the daemon that records in this folder, with its links; None without a
+    """The state of the daemon that records in this folder, with its links, or None without a
     daemon."""
     ahead: AheadStatus
-    """The next pass to drive, by the newest solution."""
+    """The next pass to drive, according to the newest result."""
     wrong_line: str
     """The line of the survey file that a finding reports as wrong; empty without such a line."""
     corrections: tuple[str, ...]
@@ -85,8 +85,8 @@ class Standing:
 
 
 def standing_of(path: Path) -> Standing:
-    """Return the state of the survey of a survey file, or of the survey in a folder (of the survey
-    or of one round).
+    """Return the state of a survey from its survey file, from its folder, or from the folder of one
+    round.
 
     Raises UsageError for a folder without a recording, DataError for a folder whose logs are all
     unreadable.

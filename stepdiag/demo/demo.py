@@ -1,5 +1,5 @@
-"""The demo: a survey of a virtual machine is recorded, solved and exported. Its files are loaded
-into the machine, which is then verified at unmeasured points."""
+"""The demo: a survey of a virtual machine is recorded, solved and exported. The exported files are
+loaded into the virtual machine, which is then verified at unmeasured points."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -64,7 +64,7 @@ class Promise:
 
     @property
     def kept(self) -> bool:
-        """Whether the true error is inside the interval; False without an interval."""
+        """Whether an interval exists and contains the true error."""
         low_um, high_um = self.stated.low_um, self.stated.high_um
         return (
             low_um is not None and high_um is not None and low_um <= self.true_um <= high_um

@@ -23,11 +23,11 @@ HAND_S = 1.0
 """Time in s between the last preparation and the start: a person does not start the program within
 the daemon's first milliseconds."""
 SETTLED_S = 2.0
-"""Silence of the daemon in s, after the end of the machine's program, from which all missing passes
-are known."""
+"""Time in s without a message of the daemon after the end of the machine's program. After this
+time, the daemon has reported all missing passes."""
 MOST_AGAIN = 20
-"""Largest number of repetitions of a setup. A quiet computer repeats hardly any pass; with fifteen
-busy processes per core, six repetitions were not enough."""
+"""Largest number of repetitions of a setup. On a quiet computer hardly any pass is repeated. With
+fifteen busy processes per core, six repetitions were not enough."""
 LOOK_S = 0.02
 
 
@@ -61,8 +61,8 @@ class Operator:
         self._idle_since = self._idle_since and time.monotonic() - self._wait_s
 
     def heard(self) -> None:
-        """Process a message of the daemon: the missing passes are read again before the next
-        start."""
+        """Process a message of the daemon: the missing passes may have changed, so `start` reads
+        the missing passes again."""
         self._asked = False
 
     def start(self, silent_s: float) -> None:

@@ -27,7 +27,7 @@ def ended_in_order() -> Iterator[None]:
     """End the block, and the processes it started, when this process receives SIGTERM or its
     terminal is closed.
 
-    By default Python ends at once, and virtual machine and daemon continue to run.
+    By default, Python ends at once, and the virtual machine and the daemon continue to run.
     """
 
     def leave(number: int, _frame: object) -> None:

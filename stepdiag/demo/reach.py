@@ -66,7 +66,7 @@ FORMS = (
 
 def exported(folder: Path, result: Result) -> Iterator[tuple[Form, Sequence[Path]]]:
     """Write the files of every form of compensation into ``folder``; yield the active files of each
-    form. The files that the profiles contain are beside ``folder``."""
+    form. The files named in the profiles are beside ``folder``."""
     for number, form in enumerate(FORMS, start=1):
         path = folder.parent / f"reach-{number}-{form.control}.toml"
         path.write_text(form.profile, encoding="utf-8")

@@ -241,7 +241,7 @@ def _packed(found: Download) -> Response:
     try:
         data = zip_of(found.path, restore=found.kind == "restore")
     except StepdiagError as why:
-        # the folders of the service stay private
+        # The answer contains only the file name, because visitors must not see the folders.
         named = message(
             "refusal", where=found.path.name, expected=why.expected, found=why.found
         )

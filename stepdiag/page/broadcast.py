@@ -35,7 +35,7 @@ class Mailbox:
         self._filled.set()
 
     async def events(self) -> AsyncIterator[bytes]:
-        """Yield the events since the last time, joined into one text, until `close`."""
+        """Yield the events since the previous yield, joined into one text, until `close`."""
         while True:
             await self._filled.wait()
             self._filled.clear()

@@ -19,7 +19,7 @@ def downloads_of(folder: Path) -> tuple[Download, ...]:
     """Return result, report, readings, controller files and logs of a survey's folder; empty
     without files.
 
-    A link out of the folder is left out.
+    A link to a file outside the folder is not returned.
     """
     if not folder.is_dir():
         return ()
@@ -76,8 +76,8 @@ def _bundles(exports: Path) -> Iterator[Download]:
 
 
 def _exported(folder: Path) -> list[Path]:
-    """Return the files of every complete set. For an incomplete set, return only the reason of its
-    refusal, because a .txt is a file to load for some controls."""
+    """Return the files of every complete export. From an incomplete or refused export, return only
+    REFUSED.txt: any other .txt can be a compensation file of a control."""
     if not folder.is_dir():
         return []
     found: list[Path] = []

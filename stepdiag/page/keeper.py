@@ -1,9 +1,10 @@
 """The part of the daemon that sends snapshots to the page and receives its commands.
 
 As a service, the page is a systemd unit with its own account. Systemd starts this unit for the
-first visitor, and the unit connects by a socket of the file system. The kernel identifies the
-calling account (SO_PEERCRED, unix(7)), and any other account is refused. Without the service, the
-daemon opens the address of the page and starts a process for it, connected by a pair of sockets.
+first visitor, and the unit connects by a Unix socket. The kernel identifies the connecting account
+(SO_PEERCRED, unix(7)), and every account except the page's account is refused. Without the service,
+the daemon opens the address of the page and starts a process for it, connected by a pair of
+sockets.
 
 The daemon trusts the messages of the page as little as those of a browser: it checks them and
 limits their size and number. Messages that the page does not receive in time are omitted. No
@@ -58,7 +59,7 @@ MOST_UNREAD = 1_000_000
 """Number of unreceived bytes above which the page is restarted."""
 AGAIN_S = (0.2, 1.0, 5.0, 30.0)
 """Times in s before the second start of the page, the third, and so on. After the page has run for
-`LIVED_S`, the series begins again."""
+`LIVED_S`, the first time is used again."""
 LIVED_S = 60.0
 GRACE_S = 1.0
 """Time in s in which the page can finish its streams and downloads at the end of the daemon."""
@@ -72,7 +73,8 @@ _log = structlog.get_logger("page")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listeners:
-    """The listening sockets of page and metrics; None for a service that is off."""
+    """The listening sockets of page and metrics. A service that is off has None instead of a
+    socket."""
 
     page: socket.socket | None = None
     metrics: socket.socket | None = None
@@ -113,8 +115,8 @@ class Listeners:
 
 def open_listener(host: str, port: int, section: str) -> socket.socket:
     """Return a listening socket. Port 0 uses any free port; ``section`` is the section of the
-    address in the survey file. Raises DeviceError for an address that is in use or not of this
-    computer."""
+    address in the survey file. Raises DeviceError for an address that is in use, or that does not
+    belong to this computer."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -136,8 +138,8 @@ def open_listener(host: str, port: int, section: str) -> socket.socket:
 async def page_served(
     path: Path, account: int, source: StatusSource, figures: Callable[[], Figures]
 ) -> AsyncIterator[None]:
-    """Serve the page of another account by a socket of the file system while the block runs; a new
-    connection replaces the previous one."""
+    """Serve a page that runs under another account, by a Unix socket, while the block runs. A new
+    connection of the page replaces the previous connection."""
     visits: set[asyncio.Task[None]] = set()
 
     async def welcome(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -196,7 +198,7 @@ async def page_kept(
 
 
 class PageKeeper:
-    """Restarts the page's process after each of its ends, and serves the process over its pipes."""
+    """Runs the page's process, restarts the process whenever it ends, and serves its requests."""
 
     def __init__(
         self,

@@ -6,8 +6,9 @@
     stepdiag page FILE
         started by systemd, which passes the sockets (sd_listen_fds(3))
 
-A single connection transports the daemon's data and the page's commands (`stepdiag.page.messages`):
-standard input and output, or a socket of the file system if the unit has its own account.
+A single connection transports the daemon's data and the page's commands (`stepdiag.page.messages`).
+The connection consists of standard input and output, or of a Unix socket if the page is a systemd
+unit with its own account.
 """
 
 import asyncio

@@ -112,8 +112,8 @@ def is_known_host(host: str, called: str, names: Collection[str]) -> bool:
 
 
 class Guesses:
-    """The counts of wrong tokens by the address of their sender. ``on_guesses`` receives an address
-    and its count at ten and at each tenfold number."""
+    """The counts of wrong tokens by the address of their sender. The function ``on_guesses``
+    receives an address and its count when the count reaches 10, 100, 1000 and so on."""
 
     def __init__(self, on_guesses: Callable[[str, int], None]) -> None:
         self._on_guesses = on_guesses
@@ -131,7 +131,8 @@ class Guesses:
         return min(self.delay_s * count, LONGEST_DELAY_S)
 
     def right(self, address: str) -> None:
-        """Reset the count of an address after a right token, because its user can mistype it."""
+        """Reset the count of an address after a right token: the earlier wrong tokens were typing
+        errors."""
         self._failures.pop(address, None)
 
 
@@ -150,8 +151,8 @@ class Access:
         return bool(self._token)
 
     async def commands(self, request: Request) -> bool:
-        """Return whether a request contains the right token; False without a configured token. The
-        token is percent-encoded, because a header contains only ASCII."""
+        """Return whether a token is configured and a request contains this token. The token is
+        percent-encoded, because a header contains only ASCII."""
         scheme, _, given = request.headers.get("authorization", "").partition(" ")
         return (
             bool(self._token)

@@ -37,8 +37,7 @@ def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
     if certificate is not None and key is not None:
         _refuse_no_certificate(certificate, key, survey_file.name)
     folder = survey.folder(survey_file).resolve()
-    # the daemon reports an error of this folder; if the folder does not exist at the start, the
-    # page has no access to it later
+    # The page gets access only to a folder that exists now; the daemon reports a missing folder.
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
     return PageSettings(
@@ -66,7 +65,7 @@ def is_loopback(host: str) -> bool:
 
 def _file(survey_file: Path, credential: str, named: str) -> Path | None:
     """Return the file of a secret: the service's credential, otherwise the file beside the survey
-    file; None if neither exists."""
+    file, otherwise None."""
     given = _credential(credential)
     if given is not None and given.is_file():
         return given
@@ -74,7 +73,7 @@ def _file(survey_file: Path, credential: str, named: str) -> Path | None:
 
 
 def _credential(name: str) -> Path | None:
-    """Return the path of the service's credential with this name; None outside a service."""
+    """Return the path of the service's credential with this name, or None outside a service."""
     return (
         Path(os.environ["CREDENTIALS_DIRECTORY"]) / name
         if "CREDENTIALS_DIRECTORY" in os.environ

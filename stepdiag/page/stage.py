@@ -2,7 +2,7 @@
 the page.
 
 A sentence is a key of the section ``page`` of the catalogue with its values. A value that is a list
-contains sentences; stops are counted from 1. The browser shows the sentences in the language of its
+contains sentences. Stops are counted from 1. The browser shows the sentences in the language of its
 user.
 """
 
@@ -30,8 +30,8 @@ class Say:
 class Headline:
     """The contents of the large card on the page. With ``alarm``, the whole page shows an alarm.
 
-    ``watching`` replaces the advice for a viewer without the right to give commands; None for an
-    advice without a command.
+    ``watching`` replaces the advice for a viewer without the right to give commands. The field
+    ``watching`` is None if the advice contains no command.
     """
 
     stage: Stage

@@ -34,8 +34,8 @@ class _About(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Online(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-online"):
-    """The message whether the publishing program runs. The broker publishes "False" as the last
-    will."""
+    """The message that shows whether the publishing program runs. The broker publishes "False" as
+    the last will."""
 
     online: bool
 
@@ -156,14 +156,13 @@ class Watched:
         return Online(online=online, machine=self._machine, survey=self._name)
 
     def now(self) -> tuple[Message, ...]:
-        """Return the messages with the state, the findings and the result; of an unreadable result
-        only the state, which contains the fault."""
+        """Return the messages with the state, the findings and the result. If the result is
+        unreadable, return only the state, which contains the reason."""
         last, published, damage, complete, live = None, None, "", False, None
         try:
             live = live_in(
                 self.folder
-                # the lock is not tested: a test could take the lock from a daemon that starts at
-                # this moment
+                # A test of the lock could take the lock from a daemon that starts at this moment.
             )
             rounds = round_folders(self.folder)
             last = rounds[-1] if rounds else None

@@ -33,8 +33,7 @@ async def add_models(server: Server) -> Models:
     for name in ORDER:
         await server.import_xml(xmlstring=importable(name))
     index = await server.get_namespace_index(_URI.format("Machinery/Result"))
-    # a client reads the published definition as an extension object (OPC 10000-6, 5.2.7), of this
-    # type or a subtype
+    # Clients read the definition as an extension object of this type (OPC 10000-6, 5.2.7).
     node = server.get_node(ua.NodeId(_RESULT, index))
     defined = await node.read_data_type_definition()
     defined.StructureType = ua.StructureType.StructureWithSubtypedValues

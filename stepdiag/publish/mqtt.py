@@ -33,7 +33,8 @@ REFUSALS = {
     "Not authorized",
     "Banned",
 }
-"""Answers of a broker to a connection (MQTT 5.0, 3.2.2.2) that a repetition does not change."""
+"""Refusals of a connection by a broker (MQTT 5.0, 3.2.2.2). A broker that refuses for these reasons
+also refuses the next connection."""
 FIRST_WAIT_S, LONGEST_WAIT_S = 1.0, 60.0
 ANSWER_S = 10.0
 """Longest time in s for an answer of the broker."""
@@ -222,8 +223,7 @@ class _Client(aiomqtt.Client):
         paho: Any = self._client
         self._receive = paho._sock_recv  # noqa: SLF001  # it has no other place where a limit could stand
         paho._sock_recv, paho._handle_publish = self._received, self._refused  # noqa: SLF001
-        # the library would first bind its socket to any port, which the walls of this process
-        # forbid (`stepdiag.walls.confine`)
+        # The library would first bind its socket to a port, which `stepdiag.walls.confine` forbids.
         paho._create_socket_connection = lambda: socket.create_connection(  # noqa: SLF001
             (paho.host, paho.port), timeout=paho.connect_timeout
         )

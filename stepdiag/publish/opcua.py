@@ -120,8 +120,7 @@ async def _prepared(endpoint: Endpoint) -> Server:
     secure = endpoint.certificate is not None and endpoint.key is not None
     server = Server(user_manager=_Users(endpoint.user, endpoint.password, secure=secure))
     _limit(server)
-    # before the address space is built, which takes most of the start, so that a wrong file is
-    # refused at once
+    # A wrong file is refused before the address space is built, which takes most of the start.
     for path, load in (
         (endpoint.certificate, server.load_certificate),
         (endpoint.key, server.load_private_key),
@@ -209,8 +208,8 @@ class _Users:
     can change anything.
 
     The library opens an unencrypted channel for every client that queries the server's channels,
-    and would also open a session over this channel. An encrypted server (``secure``) refuses such a
-    session here.
+    and would also open a session over this channel. If the server is encrypted (``secure``), this
+    class refuses a session over an unencrypted channel.
     """
 
     def __init__(self, user: str | None, password: str | None, *, secure: bool) -> None:
@@ -226,8 +225,8 @@ class _Users:
         password: Any = None,
         certificate: Any = None,
     ) -> User | None:
-        """Return the user of a name and a password; None for wrong values, and for an unencrypted
-        client of an encrypted server."""
+        """Return the user with a name and a password. Return None for a wrong name or password, and
+        for an unencrypted client of an encrypted server."""
         if self._secure and not certificate:
             return None
         if self._user is None:

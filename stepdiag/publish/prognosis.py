@@ -1,8 +1,8 @@
 """The times at which the figures of a machine leave their tolerances, from the rounds of its survey
 (`stepdiag.fleet.trend`).
 
-The trend uses the rows of the results without Arrow, which would reserve a gigabyte, the limit of
-this process.
+The module does not use Apache Arrow, because Arrow reserves a gigabyte, which is the memory limit
+of this process.
 """
 
 import math

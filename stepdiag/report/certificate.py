@@ -211,7 +211,7 @@ def effect_table(
     """Return a table of the figures as found, as predicted and as left, at k = 2, with their
     tolerances and verdicts.
 
-    None for a survey without a volume and without a tolerance.
+    Return None for a survey that has neither a volume nor a tolerance.
     """
     conformity, tolerance = judged_in(result, reach), result.tolerance or {}
     now = {one.quantity: one for one in (() if conformity is None else conformity.as_found)}
@@ -310,7 +310,7 @@ def interval_words(found: Interval | None) -> str:
 
 
 def bound_words(found: Interval | None) -> str:
-    """Return the upper limit of the largest error vector in words, without the lower limit."""
+    """Return the upper end of the interval of the largest error vector as a text."""
     high = "" if found is None else found.shown()[1]
     return f"≤ {high}" if high else interval_words(found)
 
@@ -324,8 +324,8 @@ class AsLeft:
     rms: Interval
     largest: Interval
     kept: bool | None
-    """Whether the measured rms agrees with the prediction within both U; None without one of the
-    U."""
+    """Whether the measured rms agrees with the prediction within both U, or None if a U is
+    missing."""
     gain: Gain = "unsure"
     """Change of the machine: better or worse if the new interval is completely below or above the
     interval as found, otherwise neither."""

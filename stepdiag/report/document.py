@@ -42,7 +42,7 @@ from stepdiag.solver.model.reported import SCALE_SUM
 from stepdiag.texts.texts import Language, catalogue, localised
 
 _BETWEEN = re.compile(r"(<(?:td|th|text|li|p|h3|figcaption|title)(?: [^<>]*)?>)([^<>]+)<")
-"""Tags of the document before a text for a person."""
+"""Pattern of a text for a person, with the tag before the text."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,7 +37,7 @@ class Exported:
     files: tuple[ExportedFile, ...]
     correction: Correction | None = None
     concluded: Export | None = None
-    """The outcome of the export for the conclusion; None without a table."""
+    """The outcome of the export for the conclusion, or None without a table."""
 
 
 def exported_of(written: ExportReport) -> Exported:

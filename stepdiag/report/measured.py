@@ -24,8 +24,9 @@ def layout_of(readings: Readings, result: Result) -> Layout:
 def setup_figures(
     layout: Layout, words: Mapping[str, str], language: Language
 ) -> list[Figure]:
-    """Return a figure per setup: deviation over the distance along the beam, one line per pass. A
-    return pass with its own zero begins at the end of the outward pass."""
+    """Return a figure per setup: deviation over the distance along the beam, one line per pass. If
+    the laser was set to zero before a return pass, the line of this pass begins at the end of the
+    line of the outward pass."""
     return [
         _setup_figure(layout, index, setup.name, words, language)
         for index, setup in enumerate(layout.setups)

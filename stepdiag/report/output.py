@@ -19,11 +19,11 @@ PRINT_TIMEOUT_S = 120.0
 def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
     """Write the report and return the written files.
 
-    An ``out`` with the ending ``.html`` is the document itself, which then contains the CSV of its
-    figures as links; an ``out`` with the ending ``.pdf`` is the printed document. Any other ``out``
-    is a folder for ``report.html`` and ``figures/<name>.csv``. With ``pdf`` the PDF is written
-    beside the HTML. The HTML and its figures are written together or not at all. Raises UsageError
-    if ``out`` is an existing file, DeviceError for a PDF if chromium is missing or fails.
+    An ``out`` with the ending ``.html`` is the HTML file, which contains its figures as CSV links.
+    An ``out`` with the ending ``.pdf`` is the printed document. Any other ``out`` is a folder for
+    ``report.html`` and ``figures/<name>.csv``. With ``pdf`` the PDF is written beside the HTML. The
+    HTML and its figures are written together or not at all. Raises UsageError if ``out`` is an
+    existing file, DeviceError for a PDF if chromium is missing or fails.
     """
     if out.suffix.lower() == ".pdf" and not out.is_dir():
         write_atomically(out, printed(report.html.encode()))

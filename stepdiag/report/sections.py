@@ -237,8 +237,9 @@ def even(value: float | None, expanded: float | None) -> str:
 
 
 def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return a table of the scales as measured and at 20 C, each with its U, and of the scales in
-    the tables; None for a result without these scales."""
+    """Return a table of the scales as measured and at 20 C, each with its U. The heading marks the
+    scales that the compensation tables contain. Return None for a result without both kinds of
+    scales."""
     found = basis_of(result)
     if found.tables is None or not found.other:
         return None
@@ -271,9 +272,9 @@ def positioning_table(
     """Return a table of the values of ISO 230-2 and ISO 230-6 along axes and diagonals, with one
     row per setup and U (k = 2) where known.
 
-    ``standards`` is the entry of the result; columns without a known value are left out. A row
-    contains the kind of its lengths (as measured, at 20 C) only if the kinds differ between rows
-    (`positioning_lengths`).
+    ``standards`` is the entry of the result; columns without a known value are left out. If some
+    rows have lengths as measured and other rows have lengths at 20 C, each row contains the kind of
+    its lengths (`positioning_lengths`).
     """
     first = {name: found[0] for name, found in standards.items() if found}
     known = {
@@ -378,8 +379,8 @@ HEAD_FIGURES = (
 
 
 def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return a table of the straightness measured by the 4-DOF head, one row per function; None for
-    a result without ``head_straightness``."""
+    """Return a table of the straightness measured by the 4-DOF head, one row per function, or None
+    for a result without ``head_straightness``."""
     measured = result.head_straightness or {}
     rows = [
         (name, *(shown(getattr(facts, figure)) for figure in HEAD_FIGURES))
@@ -390,7 +391,7 @@ def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def fit_table(result: Result, words: Mapping[str, str]) -> Table | None:
-    """Return a table of the agreement of the readings with the model; None for a result without
+    """Return a table of the agreement of the readings with the model, or None for a result without
     ``fit`` and ``scale_sum_um``."""
     fit = {} if result.fit is None else written(result.fit)
     total = {} if result.scale_sum_um is None else written(result.scale_sum_um)
@@ -469,7 +470,7 @@ def history_table(
 
 def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """Return a table of the files from which the result was solved, each with the SHA-256 of its
-    contents; None for a result without file names.
+    contents. Return None for a result without file names.
 
     Packing a log does not change its hash, so the report stays the same.
     """
@@ -478,8 +479,8 @@ def recordings_table(result: Result, words: Mapping[str, str]) -> Table | None:
 
 
 def slips_table(result: Result, words: Mapping[str, str], language: Language) -> Table | None:
-    """Return a table of the largest undetected slip of the count (``unseen_slip``); None for a
-    result without it."""
+    """Return a table of the largest slip of the laser count that can stay undetected, or None for a
+    result without ``unseen_slip``."""
     rows = [
         (
             rendered(each.where, language),
@@ -544,8 +545,8 @@ def source_words(source: str, words: Mapping[str, str]) -> str:
 def assumptions_table(
     result: Result, words: Mapping[str, str], language: Language
 ) -> Table | None:
-    """Return a table of the assumptions of each source of the budget (``budget.assumptions``); None
-    for a result without them."""
+    """Return a table of the assumptions of each source of the budget, or None for a result without
+    ``budget.assumptions``."""
     known = {} if result.budget is None else result.budget.assumptions
     rows = [
         (source_words(source, words), rendered(text, language))

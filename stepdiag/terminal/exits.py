@@ -49,8 +49,8 @@ def failed_writing_shown() -> Iterator[None]:
     """Convert an error of the operating system into an error message: a full disk, a missing
     permission, a character that the terminal cannot show.
 
-    The daemon does not run in this context, because a temporary error of the operating system is no
-    wrong usage.
+    The daemon does not use this context manager: an error of the operating system during a
+    recording can be temporary, and is then not a usage error.
     """
     try:
         try:

@@ -15,8 +15,9 @@ from stepdiag.solver.planning.planner import Advice, Forecast
 from stepdiag.terminal.viewer import empty_table, shown
 
 FEW, FEW_OF_A_ROW = 7, 4
-"""Number of lines of a survey up to which they are shown by their corners: more would not fit three
-lines of a terminal, or four lines of a table's row."""
+"""Largest number of measured lines that are shown by their corners, in a sentence and in a row of a
+table. More corners would not fit three lines of text in a terminal, or four lines of text in a
+row."""
 KINDS = {
     "step": message("kind-step"),
     "body": message("kind-body"),

@@ -15,8 +15,8 @@ def printable(text: str) -> str:
 
 
 class _PlainStream(TextIOWrapper):
-    """A stream whose encoding lacks the sign µ. The encoding has another name, because typer writes
-    UTF-8 directly to an ASCII stream."""
+    """A stream whose encoding lacks the sign µ. The attribute ``encoding`` is not "ascii", because
+    typer writes UTF-8 directly to a stream with the encoding "ascii"."""
 
     encoding = "plain, um for micrometre"
 

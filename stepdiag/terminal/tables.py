@@ -56,8 +56,9 @@ def print_tables(result: Result) -> None:
 
 
 def print_findings(findings: Sequence[Finding], *, verbose: bool) -> None:
-    """Print findings, the severest first. Without ``verbose``, only the number is printed of the
-    notes, and of the findings after the first `FEW_ALIKE` with the same code."""
+    """Print findings, the severest first. Without ``verbose``, notes are only counted. Of the
+    findings with the same code, only the first `FEW_ALIKE` are printed, and the others are
+    counted."""
     serious = [each for each in findings if each.severity != "info"]
     first = [
         each for at, each in enumerate(serious) if _alike(serious[:at], each) < FEW_ALIKE
@@ -94,8 +95,8 @@ def function_table(result: Result) -> Table:
 
 
 def _function_row(name: str, function: Function) -> tuple[str, str, str, str, str]:
-    """Return the cells of a function behind its name. A straightness function has no end value,
-    because its end-point line is in the squareness."""
+    """Return the cells of a function's row after the cell with the name. A straightness function
+    has no end value, because its end-point line is in the squareness."""
     if function.value is None:
         return "-", "-", "-", UNITS[function.unit], shown(message("identified-no"))
     end = float(function.value[-1] - function.value[0])

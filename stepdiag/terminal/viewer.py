@@ -58,8 +58,8 @@ def print_words(*lines: Words, err: bool = False) -> None:
 
 
 def print_first(lines: "Sequence[Words]", most: int, *, verbose: bool) -> None:
-    """Print lines. Without ``verbose``, print only as many as fit ``most`` lines of the terminal,
-    at least one, and the number of the remaining lines."""
+    """Print ``lines``. Without ``verbose``, the printed lines fit ``most`` lines of the terminal,
+    and the number of the remaining lines is printed. At least one line is always printed."""
     heights = accumulate(wrapped(line).count("\n") + 1 for line in lines)
     fit = len(lines) if verbose else max(sum(height <= most for height in heights), 1)
     print_words(*lines[:fit])

@@ -1,6 +1,6 @@
 """The texts for people in every language: the sentences of messages, the words of page and report.
 
-Every floor imports this package, and it imports no floor.
+This package imports no other package of the program, so every package may import it.
 """
 
 from stepdiag.texts.explained import finding_advice

@@ -38,8 +38,9 @@ class Explanation:
     words: dict[Language, Words]
 
     def action_at(self, severity: Severity) -> Action:
-        """Return the action of a person for a severity. A warning of an export with the action
-        "know" requires acceptance by its code; a note requires no action."""
+        """Return the action that a finding with this severity requires from a person. For findings
+        of an export, a warning requires that the person accepts its code, and a note requires no
+        action."""
         return (
             self.action
             if severity == "error" or self.group not in ("export", "remark")
@@ -82,7 +83,8 @@ def accepted(code: str, key: str, accept: Container[str]) -> bool:
 
 
 def explained(code: str) -> Explanation | None:
-    """Return the explanation of a code, also of a renamed code; None for an undocumented code."""
+    """Return the explanation of a code, also of a renamed code, or None for an undocumented
+    code."""
     return explanations().get(keys_of(code)[0].partition(".")[0])
 
 

@@ -1,12 +1,12 @@
 """Restrictions (walls) that the page's process and the publishing process set on themselves before
 they accept their first client.
 
-There are two walls, because each has gaps that the other closes. A filter of system calls
-(`stepdiag.walls.seccomp`), which every supported kernel has, forbids kinds of calls: signals,
+A process has two walls, because each wall has gaps that the second wall closes. A filter of system
+calls (`stepdiag.walls.seccomp`), which every supported kernel has, forbids kinds of calls: signals,
 limits and priorities of other processes, new sockets, new processes, writing. Landlock
 (landlock(7)) limits the files that a process can read, and in later versions also TCP, devices,
-signals and abstract sockets. Limits on the process itself (setrlimit(2)) close the
-remaining gaps. The process reports every wall that the kernel refuses.
+signals and abstract sockets. Limits on the process itself (setrlimit(2)) close the remaining gaps.
+The process reports every wall that the kernel refuses.
 """
 
 import ctypes
@@ -86,8 +86,9 @@ def confine(readable: Iterable[Path]) -> Sequence[str]:
 
 
 def confine_publisher(readable: Iterable[Path], *, calls: int = 0) -> Sequence[str]:
-    """Remove the same rights as `confine`, except those on memory and output. With a port in
-    ``calls``, TCP to this port and the look-up of host names stay possible."""
+    """Remove the same rights as `confine`, but set no limit for the size of written files and for
+    the memory. With a port in ``calls``, TCP to this port and the look-up of host names stay
+    possible."""
     return _walled(readable, calls)
 
 
@@ -115,12 +116,12 @@ OPEN = {
     "attributes of files": 99,
     "new processes": 99,
 }
-"""Possible harm to other processes, each with the version of Landlock that prevents it; 99 if no
-version does."""
+"""Actions that a process must not be able to do, each with the version of Landlock that prevents
+the action. The number 99 means that no version prevents the action."""
 _NETWORK = {"TCP", "abstract sockets", "UDP and other sockets"}
 _BY_CALLS = OPEN.keys() - {"reading the disk and the memory of its account"}
-"""The harm that the filter of system calls prevents; for a process that calls a server, without the
-network."""
+"""Actions that the filter of system calls prevents. In a process that calls a server, the filter
+does not prevent the actions in `_NETWORK`."""
 
 
 def _shut_in(readable: Iterable[Path], calls: int) -> int:

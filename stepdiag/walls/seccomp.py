@@ -17,9 +17,9 @@ program
 
 One instruction is 8 bytes: code, jump if true, jump if false, constant (struct sock_filter). The
 data (struct seccomp_data) contain the number at 0, the architecture at 4, argument k at 16 + 8k,
-with its lower half first on both architectures. A process without new privileges may set the
-filter; TSYNC sets the filter on all threads. Files and sockets that are already open stay usable:
-reading, accepting and answering continue.
+with its lower half first on both architectures. A process that has set no_new_privs may set the
+filter. The flag TSYNC sets the filter on all threads. Files and sockets that are already open stay
+usable: reading, accepting and answering continue.
 """
 
 import ctypes
@@ -30,8 +30,8 @@ from collections.abc import Mapping
 
 _NEWEST = 450
 _MACHINES = {"x86_64": (0, 0xC000003E, 317), "aarch64": (1, 0xC00000B7, 277)}
-"""By processor: the column of the call numbers below, the audit architecture, the number of
-seccomp(2)."""
+"""For each processor: the index of its call numbers in the tables below, the audit architecture,
+and the number of the call seccomp(2)."""
 _NONE = -1
 
 _NETWORK = {
@@ -141,9 +141,9 @@ _FILES = {
 }
 _ABSENT = {"clone3": (435, 435), "openat2": (437, 437)}
 _FOR_WRITING, _FASTOPEN, _THREAD, _ANY_BIT = 0o1103, 0x20000000, 0x10000, 0xFFFFFFFF
-"""Bits of arguments that decide whether a call is permitted: O_WRONLY, O_RDWR, O_CREAT or O_TRUNC
-for opening a file; MSG_FASTOPEN for sending; CLONE_THREAD; and any bit of a process number, which
-is 0 for the process itself."""
+"""Bits of arguments that decide whether a call is permitted. `_FOR_WRITING` is O_WRONLY, O_RDWR,
+O_CREAT or O_TRUNC, `_FASTOPEN` is MSG_FASTOPEN, and `_THREAD` is CLONE_THREAD. `_ANY_BIT` is any
+bit of a process number, which is 0 for the process itself."""
 _BY_BITS = {
     "open": ((2, _NONE), 1, _FOR_WRITING, False),
     "openat": ((257, 56), 2, _FOR_WRITING, False),

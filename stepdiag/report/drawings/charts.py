@@ -25,8 +25,8 @@ large again."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Series:
-    """A line of a chart: ``x``, ``y`` and the standard uncertainty ``u`` (k = 1; NaN or None if
-    unknown)."""
+    """A line of a chart: ``x``, ``y`` and the standard uncertainty ``u`` (k = 1), which is NaN or
+    None if unknown."""
 
     label: str
     x: Vector

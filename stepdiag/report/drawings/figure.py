@@ -16,8 +16,8 @@ a sum, which differ between processors."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """A drawing (SVG) and its numbers (CSV); ``name`` is the stem of the CSV file and, without
-    spaces, an id."""
+    """A drawing (SVG) and its numbers (CSV). The value ``name`` is the stem of the CSV file. A name
+    contains no spaces, because the name is part of an HTML id."""
 
     name: str
     title: str

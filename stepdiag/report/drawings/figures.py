@@ -155,8 +155,8 @@ def field_of(result: Result, correction: Correction | None) -> dict[str, Any] | 
     """Return lattice points in mm, and the error at these points in um, rigid motion removed:
     before a correction, and after it (None without a correction).
 
-    None for a survey of less than three axes. ``longest_um`` is the length of the longest vector,
-    which scales both drawings.
+    Return None for a survey of less than three axes. ``longest_um`` is the length of the longest
+    vector, which scales both drawings.
     """
     if not result.volume.solid:
         return None

@@ -14,8 +14,9 @@
               program-aborted (value: number of stops to go back before the restart; its
               duration in machine seconds)
 
-A negative value for garbage is a number of lost bytes. A fault occurs once: ``delay_s`` after the
-program reaches its place, or without a place ``delay_s`` after the start of the bench.
+A negative value for garbage is a number of lost bytes. A fault occurs once. A fault with a place
+(setup, pass or stop) occurs ``delay_s`` after the program reaches this place. Any other fault
+occurs ``delay_s`` after the start of the bench.
 """
 
 import threading
@@ -97,8 +98,8 @@ class FaultBoard:
         self._armed = [(fault.delay_s, fault) for fault in faults if not fault.placed]
 
     def inject(self, fault: Fault, wall_s: float) -> None:
-        """Inject a fault ``delay_s`` after ``wall_s``; a fault with a place waits for this
-        place."""
+        """Add a fault. A fault without a place occurs ``delay_s`` after ``wall_s``, a fault with a
+        place ``delay_s`` after the program reaches this place."""
         with self._lock:
             if fault.placed:
                 self._waiting.append(fault)
@@ -108,8 +109,8 @@ class FaultBoard:
     def reach(
         self, setup: str, pass_number: int, stop: int, phase: str, wall_s: float
     ) -> None:
-        """Arm the faults that wait for this place. A fault of the program itself waits until the
-        program uses it."""
+        """Arm the faults with this place. Faults of the program are not armed, because the program
+        removes these faults by `take`."""
         with self._lock:
             for fault in [
                 f
@@ -122,7 +123,7 @@ class FaultBoard:
                 self._armed.append((wall_s + fault.delay_s, fault))
 
     def take(self, kind: FaultKind, setup: str, pass_number: int, stop: int) -> Fault | None:
-        """Return a fault of the program at this place, and remove it from the board."""
+        """Remove a fault of the program with this place, and return the fault."""
         with self._lock:
             for fault in self._waiting:
                 if fault.kind == kind and fault.is_at(setup, pass_number, stop):
@@ -148,8 +149,8 @@ class FaultBoard:
             ]
 
     def due(self, kind: FaultKind, wall_s: float) -> list[Fault]:
-        """Return the faults of this kind that occurred up to ``wall_s``, and remove them from the
-        board; for kinds without a duration."""
+        """Remove the faults of this kind that occurred up to ``wall_s``, and return these faults.
+        This function is for kinds without a duration."""
         with self._lock:
             struck = [
                 entry for entry in self._armed if entry[1].kind == kind and entry[0] <= wall_s

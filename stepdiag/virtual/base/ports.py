@@ -52,8 +52,8 @@ class SerialLine:
     """The device's end of a pty; while the line is plugged in, ``link`` is a symbolic link to the
     other end.
 
-    A line without a reader discards old bytes like a closed port, so a later reader receives
-    present bytes. A ``lossless`` line (for load tests) waits for its reader instead.
+    A line without a reader discards old bytes like a closed port, so a later reader receives only
+    new bytes. A ``lossless`` line (for load tests) waits for its reader instead.
     """
 
     def __init__(self, link: Path, *, lossless: bool = False) -> None:
@@ -179,8 +179,8 @@ class TcpLine:
         """Do nothing: a TCP port never waits for a reader."""
 
     def write(self, data: bytes) -> None:
-        """Write bytes to the client. If they do not fit into its buffer, they are lost and the
-        connection is closed."""
+        """Write bytes to the client. If the bytes do not fit into the buffer of the connection, the
+        rest of the bytes is lost and the connection is closed."""
         self._admit()
         rest = memoryview(data)
         while rest and self._guest is not None:

@@ -46,8 +46,9 @@ from stepdiag.virtual.plc.plc import Plc
 
 _HEAD_CHUNK_S = 0.02
 _SEEN, _SEEN_MOVING_S = 0.8, 0.03
-"""Two limits for a patient machine: the share of a dwell in which the recorder must poll, and, for
-a move, the wall seconds, because a move can be shorter than a delay of the recorder."""
+"""Polling that a patient machine requires from the recorder: a share of each dwell, and a time in
+wall seconds in each move. The limit of a move is a time, because a move can be shorter than a delay
+of the recorder."""
 Tell = Callable[[dict[str, str]], None]
 
 
@@ -61,8 +62,8 @@ class VirtualBench:
     """The whole bench on loopback; used in a ``with`` statement, or by `start` and `close`.
 
     ``directory`` is the folder for serial lines with a relative link. A worker thread calls
-    ``tell`` with an event at the beginning of a setup, while the program waits for its start, and
-    at its end.
+    ``tell`` with an event when a setup begins, when the program waits for a start, and when the
+    program has ended.
     """
 
     def __init__(
@@ -134,7 +135,8 @@ class VirtualBench:
         )
 
     def inject(self, fault: Fault) -> None:
-        """Inject a fault ``delay_s`` from now; a fault with a place waits for this place."""
+        """Add a fault. A fault without a place occurs ``delay_s`` from now, a fault with a place
+        ``delay_s`` after the program reaches this place."""
         self._faults.inject(fault, self._clock.wall_s())
 
     def _add_plc(self, directory: Path) -> None:

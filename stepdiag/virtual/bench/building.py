@@ -228,8 +228,8 @@ def alignment_of(config: BenchConfig, setup: str) -> Alignment:
 
 
 def setup_builder(config: BenchConfig, machine: Machine) -> Callable[[str], Setup]:
-    """Return a function that sets up laser and target for a setup by its name; each set-up is made
-    once."""
+    """Return a function from the name of a setup to its laser and target. The function aligns the
+    laser and target of each setup only once."""
     box = build_box(config)
     built: dict[str, Setup] = {}
 
@@ -247,8 +247,8 @@ def head_builder(
     """Return a function that mounts the 4-DOF head for a run along an axis; each mounting is made
     once.
 
-    The detectors' right and up are the level and the upright perpendicular of the beam: +Y and +Z
-    for a beam along +X, -X and +Z along +Y, +X and +Y along +Z.
+    The detectors measure in two directions across the beam, ``right`` and ``up``: +Y and +Z for a
+    beam along +X, -X and +Z for a beam along +Y, +X and +Y for a beam along +Z.
     """
     box = build_box(config)
     built: dict[str, VirtualHead] = {}

@@ -28,8 +28,8 @@ class VolumePart(_Part, frozen=True):
 
 
 class OffsetPart(_Part, frozen=True):
-    """A setup that is driven with a shifted beam. Its names are ``ppp+1``, ``ppp+2`` in the order
-    of the file."""
+    """A setup that is driven with a shifted beam. The shifted setups of ``ppp`` are named
+    ``ppp+1``, ``ppp+2`` and so on, in the order of the file."""
 
     setup: str
     offset_mm: Three
@@ -42,8 +42,8 @@ class ProgramPart(_Part, frozen=True):
     ``decimals`` are the decimal places of the positions in a hand-written program; an
     ``incremental`` program (G91) rounds its steps. With ``overrun_mm`` 0 the program reverses at
     the last stop. Without ``first_overrun`` the first pass of a setup begins without overrun. A
-    ``patient`` machine continues a move or a dwell until the recorder has polled for most of its
-    time without a break (`stepdiag.virtual.plc.attention`).
+    ``patient`` machine prolongs a move or a dwell until the recorder has polled without a break for
+    most of this move or dwell (`stepdiag.virtual.plc.attention`).
     """
 
     setups: tuple[str, ...] = ("ppp", "npp", "pnp", "ppn")

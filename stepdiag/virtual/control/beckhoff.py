@@ -2,7 +2,7 @@
 mm and rad (296426379).
 
 An error that is a number has one row without an argument; a function has a row per position of its
-axis; ``#`` begins another heading.
+axis; a line ``#`` begins the next block, whose first row contains the column names.
 """
 
 import numpy as np

@@ -22,8 +22,9 @@ class ChainTable:
     by the opposite of these errors.
 
     With ``carries``, an axis that is out of square also turns the axes and parts that it carries.
-    With ``before_travel``, the errors of every axis act nearer to the tool than its travel, on
-    either side of the bed. ``negated`` are output axes with reversed movement.
+    With ``before_travel``, the angles of an axis never turn the travel of this axis. Without
+    ``before_travel``, the angles of an axis that carries the work turn this travel. ``negated`` are
+    output axes with reversed movement.
     """
 
     chain: str

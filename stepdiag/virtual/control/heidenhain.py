@@ -2,8 +2,9 @@
 technical manual pp. 666-686).
 
 Without rows in the kinematics table, a .COM table acts only by its axis columns: the column Z of
-the table of X is Z = F(X). The rows of an axis come before its ``MachAxis``, viewed from the tool,
-and contain the columns C1 to C6 of the axis's table; angles are in degrees.
+the table of X is Z = F(X). The rows of the kinematics table are in the order from the tool to the
+work, and the rows of an axis come before the row ``MachAxis`` of this axis. The rows of an axis
+contain the columns C1 to C6 of the axis's table. Angles are in degrees.
 """
 
 import re
@@ -22,8 +23,8 @@ _MACHINE_AXIS = re.compile(r"MachAxis\s+(\S+)")
 def load_tables(
     tables: Mapping[str, str], lines: str = "", *, axis_names: Mapping[str, str]
 ) -> ChainTable:
-    """Return the effect of the .COM texts, by the axis name of each text in the .CMA line;
-    ``lines`` are rows of the kinematics table.
+    """Return the effect of .COM files. The keys of ``tables`` are the axis names in the .CMA file,
+    the values are the texts of the .COM files. ``lines`` are the rows of the kinematics table.
 
     ``axis_names`` gives X, Y or Z for each name of an axis. Without rows, the chain has no effect
     and no angle is compensated.

@@ -48,11 +48,10 @@ class _Memory:
 
 
 class SiemensControl:
-    """A control that keeps loaded values: a later file leaves a value unchanged if it does not
-    write it.
+    """A control that keeps loaded values: a later file changes only the values that it writes.
 
-    Only EEC tables of ``measuring_system`` are active. A table without an entry for on or off
-    counts as switched on. ``adds_linked``: see `_cross_tables`.
+    Only EEC tables of ``measuring_system`` are active. A table counts as active unless a file
+    switches it off. ``adds_linked``: see `_cross_tables`.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
 """The running control: the commanded position of every axis at any time, and the signals of the
 machine.
 
-Time is machine time in s from the start of the bench. The player only moves forward; readers can
-read a short time back.
+Time is machine time in s from the start of the bench. The program only runs forward. A reader can
+still read the positions of a short time before the present.
 """
 
 import math

@@ -59,8 +59,9 @@ class Plan:
     first_overrun: bool = True
     pause_s: float | None = 2.0
     commission_s: tuple[float, float, float] | None = None
-    """Times in s, during the first pass of a run of the head, at a jog, with a wobble, and without
-    light: the head is commissioned during this pass."""
+    """Three times in s for the commissioning of the head: the dwell at each position beside a stop,
+    the time with a wobbled beam, and the time without light. The commissioning takes place in the
+    first pass of a run of the head."""
 
 
 def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:

@@ -27,11 +27,12 @@ from stepdiag.virtual.physics.optics import (
 class Alignment:
     """Alignment errors of a set-up.
 
-    ``mirror_mrad`` tilts the mirror's normal and ``beam_mrad`` the beam away from the machine's
-    diagonal or axis, each towards the level and the upright perpendicular of this direction.
-    ``beam_offset_mm`` shifts the beam line from the first commanded position. ``target_mm`` is the
-    place of the mirror's pole or the cube's vertex in the tool's coordinates. ``standoff_mm`` is
-    the dead path between interferometer and target at the first stop.
+    ``mirror_mrad`` tilts the mirror's normal away from the machine's diagonal or axis, and
+    ``beam_mrad`` tilts the beam. Both contain a horizontal angle and an upward angle
+    (`stepdiag.virtual.physics.optics.perpendiculars`). ``beam_offset_mm`` shifts the beam line from
+    the first commanded position. ``target_mm`` is the place of the mirror's pole or the cube's
+    vertex in the tool's coordinates. ``standoff_mm`` is the dead path between interferometer and
+    target at the first stop.
     """
 
     mirror_mrad: tuple[float, float] = (0.0, 0.0)

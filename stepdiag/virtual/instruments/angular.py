@@ -18,8 +18,8 @@ Look = Callable[[Array], Array]
 """A function from wall times (N,) to rotations of the tool about X, Y, Z in arc-seconds and the
 number of the moving axis, (N, 4); NaN outside the instrument's own runs."""
 ACROSS = {0: (2, 1), 1: (2, 0), 2: (0, 1)}
-"""By axis: the two rotations that an autocollimator along this axis measures, the rotation about
-the upright first."""
+"""By axis: the two rotations that an autocollimator along this axis measures. The rotation about
+the vertical direction of the instrument comes first."""
 LEVEL = {0: 0, 1: 1, 2: 0}
 """By axis: the rotation that a level across this axis measures."""
 

@@ -2,8 +2,8 @@
 
 
 class Counting:
-    """The counter of samples in an instrument (`talker.Talking`). It begins at 0, and also counts
-    samples that are not sent."""
+    """The counter of samples in an instrument (`talker.Talking`). The counter begins at 0, and also
+    counts samples that are not sent."""
 
     def __init__(self) -> None:
         self._counter = 0

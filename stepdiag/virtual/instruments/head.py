@@ -1,10 +1,10 @@
 """An optical model of the four-degree-of-freedom head (Feng, Zhang, Kuang 2008, Figs 1 to 4),
 traced ray by ray.
 
-A collimated beam leaves the source. On the moving unit a half mirror reflects a part of it (to lens
-2 and PSD2). The other part goes to a corner cube, comes back displaced, and is split between the
-quadrant detector and lens 1 with PSD1. This module uses no equation of the paper: signs and levers
-follow from the geometry.
+A collimated beam leaves the source. On the moving unit a half mirror reflects a part of the beam to
+lens 2 and PSD2. The transmitted part goes to a corner cube, comes back displaced, and is split
+between the quadrant detector and lens 1 with PSD1. This module uses no equation of the paper: signs
+and levers follow from the geometry.
 """
 
 import math
@@ -47,7 +47,7 @@ class Wander:
 class SpotDetector:
     """Mounting and scale of a detector.
 
-    ``sign`` is, per axis, the effect of fold mirrors and splitters on right and up.
+    ``sign`` is -1 for each detector axis that fold mirrors and splitters invert, otherwise 1.
     ``rotation_mrad`` is the roll of the detector, x towards y; ``gain`` is the gain of its
     differences. As shares of the full sum: ``noise`` is the noise of differences and sum, ``dark``
     their values without light, ``ceiling`` the largest sum of the electronics.
@@ -117,8 +117,9 @@ class HeadOptics:
 
 @dataclass(frozen=True, slots=True)
 class HeadStand:
-    """The mounting of the fixed unit: its place ``source_mm`` and three unit vectors, all (3,):
-    ``beam``, and the detectors' right and up."""
+    """The mounting of the fixed unit: its position ``source_mm`` and three unit vectors, all (3,).
+    The vectors are the direction ``beam``, and the directions ``right`` and ``up`` of the
+    detectors."""
 
     source_mm: Array
     beam: Array

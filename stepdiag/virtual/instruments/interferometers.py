@@ -188,8 +188,8 @@ class Qudis:
 
     @property
     def rate_hz(self) -> float:
-        """Return the number of readings per second at the set average; constant at the rate of the
-        bench."""
+        """Return the number of readings per second. The bench has a constant rate, so the average
+        that a client sets has no effect."""
         return 25_000.0 / 2**5
 
     def banner(self) -> bytes:

@@ -86,8 +86,8 @@ class Counter:
 class _Sampler:
     """A laser with its beam, its reset button and its latency.
 
-    ``latency_s`` is the delay inside the instrument: a sent value belongs to the time before this
-    delay.
+    ``latency_s`` is the delay inside the instrument: the instrument sends the value that it
+    measured ``latency_s`` earlier.
     """
 
     def __init__(

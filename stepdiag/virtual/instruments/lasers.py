@@ -1,7 +1,7 @@
 """The bytes of lasers, without input and output: uMD boards, Heidenhain displays, any ASCII line.
 
-uMD boards follow the firmware sources named in the instruments' notes 1.A, ND 28x/287 the manual
-pages of 1.B.
+The uMD boards follow the sources of their firmware. The displays ND 28x and ND 287 follow their
+manuals.
 """
 
 from collections.abc import Mapping
@@ -113,7 +113,8 @@ class UmdBoard:
         return self._board.banner
 
     def skip(self, count: int) -> None:
-        """Advance the sequence number: a board with a full buffer counts on."""
+        """Advance the sequence number: a board with a full buffer also counts the samples that it
+        cannot send."""
         self._sequence += count
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:

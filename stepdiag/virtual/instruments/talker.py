@@ -13,8 +13,8 @@ from stepdiag.virtual.base.ports import Line
 from stepdiag.virtual.physics.error_functions import Array
 
 _MAXIMUM_BACKLOG_S = 0.5
-"""Longest time in s for which samples are kept while an instrument cannot send; on a lossless line,
-the duration of the samples that are sent at a time."""
+"""Longest time in s for which samples are kept while an instrument cannot send. On a lossless line,
+all samples are kept, and one transmission contains at most the samples of this time."""
 
 
 @runtime_checkable

@@ -1,5 +1,5 @@
-"""The refractive index of moist air after Ciddor (Appl. Opt. 35 (1996) 1566; NIST Engineering
-Metrology Toolbox, Appendix A)."""
+"""The refractive index of moist air after Ciddor (Applied Optics 35 (1996) 1566, and NIST
+Engineering Metrology Toolbox, Appendix A)."""
 
 import math
 

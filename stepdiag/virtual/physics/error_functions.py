@@ -100,8 +100,8 @@ def smooth(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Amplitudes:
-    """Sizes of the random errors: largest deviations in um and urad; scales are drawn between
-    -``scale_um_m`` and +``scale_um_m``."""
+    """Sizes of the random errors: largest deviations in um and urad; the size of a scale is at most
+    ``scale_um_m``."""
 
     positioning_um: float = 8.0
     straightness_um: float = 8.0

@@ -2,8 +2,8 @@
 
 A chain is written from the workpiece to the tool with ``F`` for the foundation (ISO 10791-6 style):
 ``FXYZ`` is [w b X Y Z t], ``XYFZ`` is [w X' Y' b Z t]; axes left of ``F`` carry the work. Every
-error is the tool's error relative to the work. So a work-side carriage turns all parts beyond it
-about its own origin before its own travel, and a tool-side carriage after its own travel.
+error is the tool's error relative to the work. So the angles of a carriage on the work side also
+turn the travel of this carriage. The angles of a carriage on the tool side do not turn its travel.
 """
 
 from dataclasses import dataclass

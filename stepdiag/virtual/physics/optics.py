@@ -53,8 +53,8 @@ class Figure:
 
 
 def perpendiculars(direction: Array) -> tuple[Array, Array]:
-    """Return two unit vectors that make a right-handed frame with ``direction``: the first level
-    (or X for a vertical beam), the second up."""
+    """Return two unit vectors that make a right-handed frame with ``direction``. The first vector
+    is horizontal (X for a vertical beam), the second vector points upward."""
     level = np.cross([0.0, 0.0, 1.0], direction)
     if np.linalg.norm(level) < 1e-9:
         level = np.array([1.0, 0.0, 0.0])

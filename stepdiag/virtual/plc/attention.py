@@ -42,11 +42,11 @@ class Attention:
             self._looks_s.append(wall_s)
 
     def lacking(self, from_s: float, wall_s: float, wanted_s: float) -> bool:
-        """Return whether a master that still polls has not yet polled the state that began at
-        ``from_s`` for ``wanted_s`` without a break.
+        """Return whether the machine must wait for the master: the master still polls, but the last
+        unbroken series of its polls since ``from_s`` is shorter than ``wanted_s``.
 
-        The time begins with the first poll of the state: a late poll shows nothing of the time
-        before it.
+        The duration of the series begins with its first poll and not at ``from_s``, because before
+        a late first poll the master has not read the new state.
         """
         with self._lock:
             there = bool(self._looks_s) and wall_s - self._looks_s[-1] < GONE_S

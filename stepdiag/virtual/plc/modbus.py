@@ -1,8 +1,8 @@
 """A Modbus slave written from the specification (Modbus Application Protocol V1.1b3; Serial Line
 V1.02).
 
-The slave does not use the client's library, whose errors it would share. It can also answer late
-and in order, as a real PLC does.
+The slave does not use the client's library, whose errors it would share. The slave can answer late,
+and then answers the requests in their order, as a real PLC does.
 """
 
 import struct
@@ -115,8 +115,8 @@ def checksum(frame: bytes) -> bytes:
 
 
 def frame_length(start: bytes) -> int | None:
-    """Return the length of the RTU request that begins with ``start``; None while ``start`` is too
-    short to determine it."""
+    """Return the length of the RTU request that begins with ``start``, or None while ``start`` is
+    too short to contain this length."""
     if len(start) < 2:
         return None
     function = start[1]

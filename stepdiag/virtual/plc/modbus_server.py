@@ -34,8 +34,8 @@ class Slave:
         self._reboots: Fault | None = None
 
     def off(self) -> bool:
-        """Return whether the PLC reboots now. Afterwards its stop counter begins again, unless the
-        PLC keeps the counter."""
+        """Return whether the PLC reboots now. After the reboot, the stop counter begins again at 0,
+        unless the PLC keeps the counter."""
         now = self._faults.active("plc-reboot", self._clock.wall_s())
         if self._reboots is not None and now is None:
             self._plc.reboot(counts_on=self._reboots.value != 0.0)
@@ -43,7 +43,7 @@ class Slave:
         return now is not None
 
     def answer(self, request: bytes) -> bytes | None:
-        """Return the response PDU to a request PDU, possibly late; None if the PLC does not
+        """Return the response PDU to a request PDU, possibly late, or None if the PLC does not
         answer."""
         now = self._clock.wall_s()
         self._attention.looked(now)

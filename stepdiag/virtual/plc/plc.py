@@ -1,5 +1,5 @@
-"""The PLC of the virtual machine: the register block of contract 2, encoded here from its table
-alone."""
+"""The PLC of the virtual machine: the register block of contract 2. This code follows the table of
+contract 2 and not the code of the recorder."""
 
 import struct
 import threading
@@ -30,11 +30,11 @@ _STOPPED, _RUNNING, _ALARM = 1, 2, 4
 class Plc:
     """The registers of the PLC at the time of a master's request.
 
-    The image is renewed every ``scan_s``: a change in the control appears up to ``scan_s`` later,
-    in counter and position after a further ``lag_s``. ``order`` is the byte order of the 32-bit
-    positions, ``base`` the address of the block. ``registers`` selects commanded or actual
-    positions; ``seed`` draws the scatter of actual positions for each scan. Coils and discrete
-    inputs 0 to 2 repeat the bits of the state word.
+    The image is renewed every ``scan_s``, so a change in the control appears up to ``scan_s``
+    later. Counter and position appear later by a further ``lag_s``. ``order`` is the byte order of
+    the 32-bit positions, ``base`` the address of the block. ``registers`` selects commanded or
+    actual positions; ``seed`` draws the scatter of actual positions for each scan. Coils and
+    discrete inputs 0 to 2 repeat the bits of the state word.
     """
 
     def __init__(  # noqa: PLR0913 - one argument a property of the PLC
