@@ -1,4 +1,4 @@
-"""The recording: from the wires to the stops.
+"""The recording: from the bytes of the instruments to the stops.
 
 In: bytes of a laser and registers of a machine. Out: logs, passes, readings. Rooms, from the
 lowest: records, timing, formats, links, survey, capture, passes, log, replay, recording, head,

@@ -1,8 +1,9 @@
-"""The common code of live and replay: bytes and register blocks in, stops and findings out.
+"""The common code of the live run and the replay: bytes and register blocks in, stops and findings
+out.
 
-A capture belongs to one log. It starts from the survey and a `CaptureStart` in the log, and from
-nothing else. So the replay of a log runs the same code on the same input, and gives the same stops
-to the last bit.
+A capture belongs to one log. The survey and the `CaptureStart` in the log are the only initial
+state of a capture. So the replay of a log runs the same code on the same input, and gives the same
+stops to the last bit.
 """
 
 import math
@@ -45,7 +46,9 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import NOT_RECORDED, Break, StreamBuffer
 
 FAR_NS = 1 << 62
-"""A time after every event: the log has ended, so the capture waits for nothing more."""
+"""A time in ns after every event. After the end of a log the capture uses this time as the present
+time, so that no standstill waits for samples.
+"""
 PATIENCE = 10.0
 """Number of windows after which, with the handshake, an unsteady stop is captured nevertheless and
 marked as doubtful.
@@ -90,8 +93,8 @@ class Capture:
         self._taken_from_ns = -1
         self._went_on = False
         self.next_from_ns: int | None = None
-        """Time in ns from which the events belong to the next pass; None where the pass did not end
-        at the standstill after it.
+        """Time in ns from which the events belong to the next pass; None unless the first
+        standstill of the next pass has ended this pass.
         """
         self._heard_since_poll = False
 
@@ -102,22 +105,19 @@ class Capture:
 
     @property
     def machine_waits(self) -> bool:
-        """Return whether the machine stands at a stop that is not captured yet, and waits for its
-        capture.
-        """
+        """Return whether the machine waits with the handshake at an uncaptured stop."""
         dwell = self.tracker.open
         return self._handshake and dwell is not None and dwell.from_ns != self._taken_from_ns
 
     @property
     def at_stop(self) -> bool:
-        """Return whether the machine stands, or has left a stop that is taken in a moment: until
-        then the next stop is not the one it moves to."""
+        """Return whether the machine stands, or has left a stop whose capture is not finished."""
         return self.tracker.open is not None or bool(self._pending)
 
     @property
     def driven_out(self) -> bool:
-        """Return whether the machine has left the last stop of its pass, whose capture is about to
-        end: the beam is no longer needed.
+        """Return whether the machine has left the last stop of its pass and the capture of this
+        stop is about to end. The beam is then no longer needed.
         """
         walk = self.walk
         return (
@@ -129,8 +129,8 @@ class Capture:
 
     @property
     def may_be_over(self) -> bool:
-        """Return whether the pass may be over although one of its stops is missing: the next
-        standstill decides, and may belong to the next pass.
+        """Return whether the pass may be over although one of its stops is missing. The next
+        standstill shows whether it belongs to this pass or to the next pass.
         """
         walk = self.walk
         if walk is None or self.ended or self._by_laser is not None:
@@ -161,14 +161,14 @@ class Capture:
         return sum(each.watched and each.time_ns <= until_ns for each in self.laser.breaks)
 
     def heed(self, found: Finding) -> list[Finding]:
-        """Return a finding of the passes if it may be raised now, else nothing: a cause may still
-        explain it.
+        """Return a finding about the passes, or nothing while a cause may still explain the
+        finding.
         """
         return self._cause.heed(found)
 
     def _as_raised(self, outcomes: list[Outcome]) -> list[Outcome]:
-        """Return the outcomes without the findings that a cause explains or may still explain; the
-        end of a pass decides.
+        """Return the outcomes without the findings that a cause explains or may still explain. At
+        the end of a pass the findings without a cause are returned.
         """
         raised: list[Outcome] = []
         for each in outcomes:
@@ -346,14 +346,14 @@ class Capture:
         outcomes.append(self.ended)
 
     def _name_from_second(self, outcomes: list[Outcome]) -> None:
-        """Name the stops of a pass without its first stop, once it is over."""
+        """Assign the stops of a finished pass whose first stop is missing."""
         self._cause.leave_out()
         if self.walk is not None:
             outcomes.extend(self._taker.name_from_second(self.walk))
 
     def _samples_follow(self, event: Event) -> bool:
-        """Return whether waiting for the samples up to this poll is worthwhile: a stream with bytes
-        since the previous poll soon sends more.
+        """Return whether the samples up to this poll are likely to arrive soon: the stream has sent
+        bytes since the previous poll.
         """
         heard, polled = self._heard_since_poll, isinstance(event, ModbusBlock)
         self._heard_since_poll = isinstance(event, Chunk) or (heard and not polled)
@@ -363,7 +363,8 @@ class Capture:
         """With the handshake the machine waits for the program: capture the stop as soon as a
         steady window of full length is complete.
 
-        No wait for missing samples, except for the chunk after each poll (`_samples_follow`).
+        The capture does not wait for missing samples, except for the chunk after each poll
+        (`_samples_follow`).
         """
         dwell, rules = self.tracker.open, self._survey.stop
         if dwell is None or dwell.from_ns == self._taken_from_ns:
@@ -389,8 +390,8 @@ class Capture:
             self._take_dwell(known, outcomes)
 
     def _at_expected(self, signals: Signals) -> bool:
-        """Return whether position and counter are those of the next stop; the registers may lag
-        behind the stop signal.
+        """Return whether position and counter belong to the next stop, because the registers may
+        lag behind the stop signal.
         """
         walk = self.walk
         if walk is None or walk.ended or signals.commanded_mm is None:
@@ -497,7 +498,7 @@ class Capture:
 
     def _reading_mm(self, dwell: Dwell) -> float | None:
         """Return the laser's reading at the first dwell; None without a reading, or if the count
-        was broken since the log before.
+        was lost after the previous log.
         """
         taken = self._windows(dwell, self.laser)
         return (
@@ -507,8 +508,8 @@ class Capture:
         )
 
     def _windows(self, dwell: Dwell, placing: Placing) -> list[Taken]:
-        """Return the windows of a dwell. Finder, cause and stop need the laser's standstills in
-        turn; these change only with new samples.
+        """Return the windows of a dwell. The windows of the laser are stored until new samples
+        arrive, because several steps of the capture need these windows.
         """
         if placing is not self.laser:
             return certain_windows(placing, dwell, self._survey.stop)
@@ -528,8 +529,9 @@ class Capture:
         )
 
     def _placing(self, signals: Signals) -> Placing:
-        """Return the stream that places a stop: the laser's, in a run of the 4-DOF head the head's
-        own."""
+        """Return the stream that determines the window of a stop: the laser's stream, or the head's
+        stream in a run of the 4-DOF head.
+        """
         if self.head is None or not self._finder.is_head_run(signals):
             return self.laser
         return (

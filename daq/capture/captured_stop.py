@@ -9,8 +9,8 @@ from stepdiag.base.messages import Message, Words, joined
 
 
 class Remark(msgspec.Struct, frozen=True):
-    """The reason why a person should inspect a stop: a finding's code and its message. A log of a
-    version without codes has only the text.
+    """The reason why a person should inspect a stop: a finding's code and its message. A log of an
+    old version, without codes of findings, has only the text.
     """
 
     code: str
@@ -24,13 +24,13 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     machine sends none. ``reading_mm`` is the laser's reading, sign applied, in its own length unit
     before any air correction, None without a beam. ``u_um`` is the standard uncertainty of the
     window's mean (of the QD's lateral movement in a run of the 4-DOF head). ``broken`` is the
-    reason why the laser's count does not reach back to the previous stop, ``unwatched`` the reason
-    why it may not reach back. ``doubts`` are the reasons to doubt the stop; ``refused`` (a
-    finding's code) is the reason of an unusable reading; ``held`` names the conditions replaced by
-    their last credible value. ``turned``: the stop is also the last stop of the previous pass; the
-    machine arrived during that pass and reversed there. ``channels`` are the means of the 4-DOF
-    head. ``order`` is the order of the moving axes (``yzx``) where the passes of the setup have
-    several; the first stop gets it with the second.
+    reason of a certain loss of the laser's count since the previous stop, ``unwatched`` the reason
+    of a possible loss. ``doubts`` are the reasons to doubt the stop. ``refused`` (a finding's code)
+    is the reason of an unusable reading. ``held`` names the conditions replaced by their last
+    credible value. ``turned`` means that the stop is also the last stop of the previous pass: the
+    machine arrived during the previous pass and reversed there. ``channels`` are the means of the
+    4-DOF head. ``order`` is the order of the moving axes (``yzx``) if the passes of the setup have
+    several orders. The order of the first stop is set when the second stop is captured.
     """
 
     setup: str

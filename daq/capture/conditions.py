@@ -44,7 +44,7 @@ CONDITIONS: Mapping[str, Message] = {
     "air_pressure_hpa": message("air-pressure-hpa"),
     "relative_humidity_percent": message("relative-humidity-percent"),
 }
-"""The names of the conditions as messages."""
+"""The name of each condition in messages."""
 COURSES: Mapping[str, Course] = {
     "material_temperature_c": Course(1.0, 5.0, "C"),
     "air_temperature_c": Course(2.0, 10.0, "C"),
@@ -65,8 +65,9 @@ UNITS_HPA: Mapping[str, float] = {
     "bar": 1000.0,
 }
 UNIT_NEAR = 0.06
-"""A pressure is in another unit if this unit brings the pressure to the pressure of [environment],
-within the weather: 760 mmHg is the air at sea level, 760 hPa the air at 2300 m.
+"""Largest relative difference by weather between a pressure and the pressure of [environment]. A
+pressure that is within this difference only in another unit was sent in that unit: 760 mmHg is the
+air at sea level, 760 hPa the air at 2300 m.
 """
 
 
@@ -91,8 +92,8 @@ Trouble = Literal["conditions-held.silent", "conditions-held.implausible", "sens
 
 @dataclass(slots=True)
 class Judged:
-    """The judged signals: the signals with the accepted values of the sensors, the conditions with
-    a replaced value (``held``), the new ``remarks`` and the ``doubted`` conditions.
+    """The ``signals`` with the accepted values of the sensors. ``held`` are the conditions with a
+    replaced value. ``remarks`` are the new remarks. ``doubted`` are the doubts about conditions.
     """
 
     signals: Signals
@@ -102,8 +103,8 @@ class Judged:
 
 
 def is_sensed(survey: Survey) -> bool:
-    """Return whether the laser or a sensor sends air and material; otherwise `with_air` changes
-    nothing.
+    """Return whether the laser or a sensor sends values of air and material; otherwise `with_air`
+    changes nothing.
     """
     return survey.environment.source == "laser" or bool(promised(survey))
 
@@ -119,8 +120,8 @@ def with_air(
     """Return the signals with the values sent by the sensor, or by the laser's own sensors, where
     the survey takes air and material from them.
 
-    An expected quantity that the sensor has not sent for `STALE_NS` gets the value ``silent``:
-    None, or NaN for a signal that `Conditions` judges.
+    An expected quantity that the sensor has not sent for `STALE_NS` gets the value ``silent``.
+    `Conditions` requires NaN as this value.
     """
     names = condition_names(survey, sensor)
     # called for every event: the sensor's bytes are decoded only if its values are used
@@ -131,8 +132,8 @@ def with_air(
 
 
 def condition_names(survey: Survey, sensor: Teller) -> tuple[str, ...]:
-    """Return the names of the conditions expected from a sensor or the laser, and of further
-    conditions that the laser sends; none without such a source.
+    """Return the names of the conditions that the survey expects from a sensor or the laser, and of
+    the conditions that the laser sends in addition.
     """
     own = promised(survey)
     own_sensors = sensor.conditions if survey.environment.source == "laser" else ()
@@ -182,7 +183,7 @@ class Conditions:
         return dict(self._credible)
 
     def judge(self, signals: Signals, time_s: float) -> Judged:
-        """Return the signals of a stop with the values of air and material in use. They are
+        """Return the signals of a stop with the values of air and material in use. The signals are
         unchanged if the survey file fixes the conditions.
         """
         if self._environment.source == "fixed":
@@ -241,8 +242,8 @@ class Conditions:
         )
 
     def _unit(self, name: str, value: float) -> str:
-        """Return the other unit in which a pressure agrees with [environment]; empty if hPa, or no
-        unit, agrees.
+        """Return the unit other than hPa in which a pressure agrees with [environment]; empty if no
+        other unit agrees.
         """
         stated = self._environment.air_pressure_hpa
         if name != "air_pressure_hpa" or name in self._credible:

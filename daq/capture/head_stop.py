@@ -16,9 +16,9 @@ from stepdiag.daq.timing.samples import Flag
 from stepdiag.daq.timing.stream import Break, Span, StreamBuffer
 
 NOMINAL_QD_MM = 0.6
-"""Movement of the target at which the normalised QD would reach 1 along its first slope, for a spot
-of 2 mm radius (0.3 to 0.9 mm for 1 to 3 mm). This figure only judges whether the signal is steady;
-the measurement uses the head's calibration.
+"""Movement of the target in mm for one unit of the normalised QD reading, by the slope at the
+centre of the detector, for a spot of 2 mm radius (0.3 to 0.9 mm for 1 to 3 mm). This figure only
+judges whether the signal is steady; the measurement uses the head's calibration.
 """
 LEVER_MM = 100.0
 """Lever in mm that converts an angle to a movement, to judge whether the instrument has come to
@@ -47,11 +47,11 @@ class QdView:
         self._head = head
 
     resolution_um = math.inf
-    """Unknown: the quotient of two signals has no least step."""
+    """Unknown, because the quotient of two signals has no smallest step."""
 
     @property
     def breaks(self) -> list[Break]:
-        """Return the losses of light; of a dwell, the samples before a loss are not used."""
+        """Return the losses of light. The samples of a dwell before a loss are not used."""
         return self._head.breaks
 
     def newest_ns(self) -> float:
@@ -78,8 +78,8 @@ class QdView:
 
 
 class AngleView(QdView):
-    """The stream of an autocollimator or a level as a length: ``position_mm`` is the more moving of
-    the angles, times the lever `LEVER_MM`.
+    """The stream of an autocollimator or a level as a length: ``position_mm`` is the angle with the
+    larger scatter, times the lever `LEVER_MM`.
     """
 
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:

@@ -20,11 +20,11 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
 
     ``known`` are the readings on the present unbroken count of the laser, by stop of the outward
     route. ``turn`` is the last stop of the previous pass in the other direction: a program that
-    reverses there begins the return pass with this stop. ``believed`` are the readings of stops at
-    the end of a pass whose place is only assumed. If the machine's next step is the step after
-    these stops, they were the first stops of a pass. ``numbers`` are the numbers of the next pass
-    out and the next pass back, whose order of axes may differ. ``others`` are the numbers of passes
-    with other orders of the axes that may come instead.
+    reverses there begins the return pass with this stop. ``believed`` are the readings of stops
+    that were assumed to be the last stops of a pass. If the machine's next step continues these
+    stops, they were the first stops of a pass. ``numbers`` are the numbers of the next outward and
+    the next return pass, whose order of axes may differ. ``others`` are the numbers of passes with
+    other orders of the axes, which the machine may drive instead.
     """
 
     outward: bool = True
@@ -39,16 +39,16 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
-    """The state of a survey that the capture of a log needs at its beginning, with the wanted
-    setups in order and the stop already captured.
+    """The state of a survey at the beginning of a log, for the capture of this log: the wanted
+    setups in order, and the stop that is captured already.
 
-    ``wall_offset_ns`` is added to the host's clock for the time of day of the stops. This offset is
-    from the beginning of the recording, so that all stops share one axis of time even if the clock
-    is set meanwhile. ``breaks`` are the losses of count since the last stop of the previous log,
-    ``credible`` the last credible values of air and material. ``beyond``: whether the machine
-    overran its last stop in the previous log; None if unknown, and in logs of older versions.
-    ``down`` are the links that are down, ``named`` the lines of the survey file named as wrong by
-    earlier logs.
+    ``wall_offset_ns`` is the time of day minus the host's clock at the beginning of the recording.
+    All stops use this offset, so that a change of the time of day does not change the time between
+    stops. ``breaks`` are the losses of count since the last stop of the previous log, ``credible``
+    the last credible values of air and material. ``beyond`` is true if the machine overran its last
+    stop in the previous log, None if this is unknown or the log is of an older version. ``down``
+    are the links that are down. ``named`` are the wrong lines of the survey file that findings of
+    earlier logs name.
     """
 
     hints: dict[str, PassHint]

@@ -10,7 +10,9 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The pass of this log is over: every stop is past, or the program has left the pass."""
+    """The pass of this log is over: the machine has passed every stop, or the program has left the
+    pass.
+    """
 
     kind: Literal["complete", "aborted"]
     reason: Message

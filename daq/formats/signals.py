@@ -150,8 +150,8 @@ def plan_reads(
 
     Only adjacent addresses are joined: the control may refuse an address between two signals. A
     range never exceeds the limit of one request and never splits a number. If more than one request
-    is needed, the ``standing`` signals are requested first and last: the machine may leave between
-    two requests, and only values read while the machine stood belong to a stop.
+    is needed, the ``standing`` signals are requested first and last, because the machine may leave
+    between two requests.
     """
     ranges = _read_ranges(signals)
     telling = {name: signals[name] for name in standing if name in signals}

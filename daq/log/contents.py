@@ -39,8 +39,8 @@ batch waits at most.
 
 
 MOST_EVENTS, MOST_EVENTS_PER_BYTE = 1_000_000, 4
-"""Largest number of events of a log: a constant, plus a number per byte of the log. The time of an
-event alone needs a byte.
+"""Largest number of events of a log: a constant, plus a number per byte of the log. Each event
+needs at least a byte for its time.
 """
 
 
@@ -103,8 +103,8 @@ class _Walk:
     run_stop: dict[str, str] = field(default_factory=dict)
 
     def take(self, record: McapRecord) -> list[list[Event]]:
-        """Return the runs of events that follow the returned events without a gap after this
-        record.
+        """Process a record; return the runs of events that now follow the returned events without a
+        gap.
         """
         match record:
             case Message():
@@ -121,7 +121,7 @@ class _Walk:
         return []
 
     def require_justified(self, read_bytes: int) -> None:
-        """Raise ValueError if the bytes read until now cannot contain so many events."""
+        """Raise ValueError if the log has more events than the bytes read until now can contain."""
         events = self.next + self.waiting_events
         if events > MOST_EVENTS + MOST_EVENTS_PER_BYTE * read_bytes:
             raise impossible("events", events)

@@ -37,8 +37,8 @@ class Decoded:
     """Samples in the order of arrival; every column has shape (count,), ``channels`` (count, k) for
     a 4-DOF head or a sensor.
 
-    ``time_ns`` is in nanoseconds since 1970, ``mono_ns`` in nanoseconds of the host's clock. Both
-    are from the sample clock, not the arrival times.
+    ``time_ns`` is in nanoseconds since 1970, ``mono_ns`` in nanoseconds of the host's clock. These
+    times come from the sample clock and are not the arrival times.
     """
 
     time_ns: NDArray[np.int64]

@@ -15,9 +15,9 @@ _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
 class PartFile:
     """Stores bytes in memory and writes them to disk on request.
 
-    A failing disk raises no error in the writer of this file: bytes that a full disk refuses remain
-    in memory and are written when there is space again, so that no record is torn. Only one thread
-    may use the file.
+    A failing disk raises no error in the writer of this file. Bytes that a full disk refuses remain
+    in memory until there is space again, so that no record is torn. Only one thread may use the
+    file.
     """
 
     def __init__(self, path: Path, suffix: str = PART_SUFFIX) -> None:
@@ -62,8 +62,8 @@ class PartFile:
 
     def publish(self) -> None:
         """Rename the complete file to its final name. Raises FileExistsError if another file has
-        this name; the ``.part`` file then remains. After any other OSError the call may be
-        repeated.
+        this name; the ``.part`` file then remains. The call may be repeated after an OSError other
+        than FileExistsError.
         """
         os.fsync(self._descriptor)
         if self.part.exists():

@@ -1,10 +1,10 @@
 """The recorder: a separate thread that writes logs, so that no disk delays the reading of an
 instrument.
 
-`Recorder.admit` never blocks. It returns the recorded events in the order of replay, and only
-recorded events may be processed. If the disk is too slow, events are refused, counted, and recorded
-in the log as a `Loss`. A full disk stops the recording; the recording continues without a torn
-record as soon as there is space.
+`Recorder.admit` never blocks. The method returns the recorded events in the order of replay, and
+only these events may be processed. If the disk is too slow, events are refused, counted, and
+recorded in the log as a `Loss`. A full disk stops the recording; the recording continues without a
+torn record as soon as there is space.
 """
 
 import threading
@@ -25,8 +25,8 @@ from stepdiag.daq.log.writer import ExitStatus, LogHeader, LogWriter
 from stepdiag.daq.records.events import Event, Loss
 
 FLUSH_S = 0.36
-"""Longest time in s between two flushes. A killed process loses this time, the 70 ms of reader and
-event loop, and the time of a write: less than half a second.
+"""Longest time in s between two flushes. A killed process loses less than half a second of data:
+the time since the last flush, 70 ms in reader and event loop, and the time of a write.
 """
 SYNC_S = 1.0
 """Longest time in s that a power failure may lose; a captured stop is synced at once."""
@@ -38,7 +38,7 @@ processing 10 kB.
 """
 BACKLOG_BYTES = 16_000_000
 """Largest number of bytes that wait for the disk: several seconds of the fastest instrument. After
-an overrun, events are accepted again below half of this size.
+an overrun, events are accepted again when fewer than half of these bytes wait.
 """
 
 State = Literal["idle", "recording", "blocked", "dead"]
@@ -174,8 +174,9 @@ class Recorder:
         earlier events and notes.
 
         ``saved`` is called in the thread of the recorder, in the order of the notes, when the note
-        would survive the end of the process. A stop may be reported only after this call. A note
-        that a full disk refuses remains in memory; a dead recorder never calls ``saved``.
+        would survive the end of the process. A stop may be reported only after ``saved`` was
+        called. A note that a full disk refuses remains in memory; a dead recorder never calls
+        ``saved``.
         """
         if self._state != "dead":
             self._put(1000, _Promise(note, saved))

@@ -40,8 +40,8 @@ class LogInfo:
     stops: int
     end: LogEnd
     carries_token: bool = False
-    """Whether the survey file in the log contains a token of the page, as survey files of older
-    versions may.
+    """Whether the survey file in the log contains an access token of the operator's page. Only
+    survey files of older versions can contain a token.
     """
 
 

@@ -3,8 +3,8 @@
 Foxglove and PlotJuggler read JSON messages with schemas of a narrow dialect: the root is an object
 with properties, each property has one plain type, and there are no unions, references or arrays of
 arrays (acquisition.md B2, rule 4). The names of properties contain the units. A state is logged as
-number and as text, because PlotJuggler discards texts (rule 6). An unknown value is left out of a
-message.
+number and as text, because PlotJuggler discards texts (acquisition.md B2, rule 6). An unknown value
+is left out of a message.
 """
 
 import json
@@ -288,8 +288,8 @@ def stop_note(
     """Return the note of a captured stop; its time is the end of the stop's window.
 
     ``travel_mm`` is the change of the reading since the first stop of the pass. ``deviation_um`` is
-    the deviation of this change from the geometry. Both are None if the count was lost since the
-    first stop.
+    the deviation of this change from the geometry. ``travel_mm`` and ``deviation_um`` are None if
+    the count was lost since the first stop.
     """
     fields = msgspec.structs.asdict(stop)
     messages = {name: value for name in MESSAGES if (value := fields.pop(name))}

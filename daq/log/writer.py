@@ -35,7 +35,9 @@ RUN_STOP = "stepdiag.run_stop"
 SURVEY_ATTACHMENT = "survey.toml"
 CHUNK_BYTES = 65_536
 BATCH_BYTES = 65_536
-"""Number of waiting bytes at which batches are written at once; about the length of their text."""
+"""Size in bytes of the waiting events at which the batches are written at once. The text of the
+events has about the same size.
+"""
 
 ExitStatus = Literal["complete", "aborted", "interrupted"]
 
@@ -45,8 +47,8 @@ class LogHeader:
     """The first record of a log.
 
     ``wall_offset_ns`` is the time of day minus the host's clock (`host_clock`). ``run`` (run id,
-    setup, initial state) and ``clock`` (latency timer, low-latency mode) contain texts by free
-    names. The program adds versions and the SHA-256 of the survey file.
+    setup, initial state) and ``clock`` (latency timer, low-latency mode) contain texts by name; the
+    caller chooses the names. The program adds versions and the SHA-256 of the survey file.
     """
 
     survey_text: str
@@ -182,7 +184,7 @@ class LogWriter:
         self._message(topic, time_of(first), time_of(last), encode(self._clock, batch))
 
     def _message(self, topic: str, publish_ns: int, taken_ns: int, data: bytes) -> None:
-        """Write a message. The log times of messages never decrease (rule 5)."""
+        """Write a message. The log times of messages never decrease (acquisition.md B2, rule 5)."""
         self._log_time_ns = max(self._log_time_ns, self._clock.wall_ns(taken_ns))
         sequence = self._sequences[topic]
         self._sequences[topic] += 1

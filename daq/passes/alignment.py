@@ -17,8 +17,8 @@ from stepdiag.daq.capture.naming.route import Route
 from stepdiag.daq.passes.stretches import OnZero
 
 POSSIBLE_MRAD = 20.0
-"""Largest tilt in mrad of a mirror that reflects the beam into the head; a larger slope of the
-steps has another cause (CHOSEN).
+"""Largest tilt in mrad of a mirror that reflects the beam into the head. A larger slope of the
+steps has another cause. The value is chosen, not measured.
 """
 
 

@@ -27,12 +27,12 @@ CLEARLY = 0.5
 this pass at least twice as well as the other pass.
 """
 TELLS = 6.0
-"""Least size of an odd step in a single pass, in robust standard deviations of the other steps of
-the pass.
+"""Least size in a single pass of a step that differs from the other steps of its axis, in robust
+standard deviations of the other steps of the pass.
 """
 CONFIRMED = 0.5
-"""Share of the size of an odd step. If the step repeats within this share when the pass is driven
-again, the machine causes the step, not the count.
+"""Share of the size of a step that differs from the other steps of its axis. If the step repeats
+within this share when the pass is driven again, the machine causes the step, not the count.
 """
 
 
@@ -73,8 +73,8 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
 
 
 def may_hide_um(each: Pass, stop: int, others: Sequence[Pass]) -> float:
-    """Return the largest loss of count before a stop, in um, that is compatible with the other
-    passes of the setup; infinite if no other pass has an unbroken count over this step.
+    """Return the largest loss of count in um before a stop that the other passes of the setup do
+    not exclude; infinite if every other pass has lost its count in this step.
 
     Passes with another order of axes are left out, because their steps differ.
     """
@@ -119,7 +119,9 @@ def _between(one: "_Readings", other: Pass, place: int) -> float:
 
 
 def _seen_before(each: Pass, step: Step) -> bool:
-    """Return whether every drive of a pass shows the step, so that the machine causes the step."""
+    """Return whether every repetition of a pass shows the step. In this case the machine causes the
+    step, not the count.
+    """
     here, there = each.measured.get(step.stop, ()), each.measured.get(step.stop - 1, ())
     made = [
         (one.beside_mm - before.beside_mm) * 1e3
@@ -131,10 +133,11 @@ def _seen_before(each: Pass, step: Step) -> bool:
 
 
 def _one_sided(each: Pass) -> int:
-    """Return the number of stops at the beginning of a pass at which some axis has not moved since
-    the machine reversed; 0 without a reversal at the first stop.
+    """Return the number of stops at the beginning of a pass before every axis has moved since the
+    reversal; 0 without a reversal at the first stop.
 
-    At these stops the reversal of each axis appears in turn; the reversal is no error of the count.
+    The first move of each axis adds its reversal to the readings of these stops. The reversal is no
+    error of the count.
     """
     axes = [each.route.axis_to(index) for index in range(len(each.route))]
     return max(axes.index(axis) for axis in set(axes[1:])) if each.chosen()[0].turned else 0
@@ -201,15 +204,15 @@ class _Readings:
         return off if self.outward else -off
 
     def scatter_um(self, place: int) -> float:
-        """Return the robust standard deviation in um of the steps of the pass without the step to
-        ``place``, each step relative to the steps of its axis.
+        """Return the robust standard deviation in um of the differences between each step of the
+        pass and the median step of its axis, without the step to ``place``.
         """
         return scatter_of_steps(np.diff(self.off_um), self.axes, place)
 
 
 def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
-    """Return the step in which two passes differ, by the index of the wrong pass: the first (0),
-    the second (1), or both if either may be wrong.
+    """Return the step in which two passes differ. The key is the index of the wrong pass: 0 for
+    ``one``, 1 for ``other``. If either pass may be wrong, the result has both keys.
     """
     low, high = max(one.low, other.low), min(one.high, other.high)
     between = slice(low, high - 1)
@@ -241,8 +244,8 @@ def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
 
 
 def _size_um(each: _Readings, along_outward_um: float) -> float:
-    """Return the size of a step in um in the count of its pass: a return pass drives the step in
-    the opposite direction.
+    """Return the size of a step in um with the sign that the step has in its pass: a return pass
+    drives the step in the opposite direction.
     """
     return along_outward_um if each.outward else -along_outward_um
 

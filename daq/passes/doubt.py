@@ -120,7 +120,7 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
 
     def covers(self, doubt: Doubt) -> bool:
-        """Return whether the acceptance is for the finding and the measurement of the doubt."""
+        """Return whether the acceptance has the same finding and measurement as the doubt."""
         mine = (self.setup, self.pass_number, self.stop, self.code, self.taken_ns)
         return mine == (
             doubt.setup,
@@ -132,8 +132,8 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TimeStated(msgspec.Struct, frozen=True, kw_only=True):
-    """The time of the first stop that a person entered, in seconds since 1970, with the person, the
-    time of the clock at the entry, and the reason.
+    """A statement by a person of the time of the first stop, in seconds since 1970, with the
+    person, the time of the clock at the statement, and the reason.
     """
 
     begun_s: float

@@ -76,7 +76,7 @@ class Pass:
 
     def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:
         """Return the increase in um of a stop's reading since its earlier reading in the same
-        unbroken count; None if both agree or there is no earlier reading.
+        unbroken count; None if the two readings agree or there is no earlier reading.
         """
         return (
             None
@@ -151,7 +151,7 @@ class Pass:
     @property
     def base(self) -> int | None:
         """Return the stretch that defines the zero of `chosen`; None before the first stop of the
-        pass. Passes with an equal stretch have readings on a common zero.
+        pass. If this stretch changes, the readings of `chosen` have another zero.
         """
         return next(iter(self.zeros()), None)
 
@@ -227,8 +227,8 @@ class Pass:
         return self._used[index][0].stretch if index in self.chosen() else None
 
     def cuts(self) -> dict[int, Unwatched]:
-        """Return the unwatched times between a used reading and the next used reading, by the later
-        stretch.
+        """Return the unwatched times between two successive used readings. The key is the stretch
+        after the unwatched time.
         """
         return {
             stretch: cut

@@ -74,7 +74,8 @@ def assumed_conditions(
     used stops.
 
     At these stops the value of the survey file was used. Conditions stated in the file or
-    afterwards are left out, and so is the material temperature, which the solver treats.
+    afterwards are left out. The material temperature is left out because the solver includes its
+    uncertainty.
     """
     if survey.laser.compensated or survey.environment.source == "fixed":
         return ()

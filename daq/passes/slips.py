@@ -24,10 +24,10 @@ FEW = 6.0
 LEAST_UM = 1.0
 """Least size of a reported jump in um: machines do not repeat better over a whole diagonal."""
 OWN_STEPS, FEW_OF_AXIS = 4, 3.0
-"""Least number of other steps that determine the scatter of an axis. A limit from n steps is
-1 + `FEW_OF_AXIS` / n times as high. With both limits, less than 1 % of the pairs of passes of
-random machines of 500 mm to 4 m that repeat to 0.2 to 1.5 um show a false jump (3 % with two
-increments and 1.5 um); without the limits, up to 60 %.
+"""Least number of other steps that determine the scatter of an axis. A limit from n steps is 1 +
+`FEW_OF_AXIS` / n times as high. The limits were tested on pairs of passes of random machines with
+500 mm to 4 m of travel and a repeatability of 0.2 to 1.5 um. With both limits, less than 1 % of the
+pairs show a false jump (3 % with two increments and 1.5 um); without the limits, up to 60 %.
 """
 FLOOR_UM = 0.15
 """Least assumed noise in um of a few differences."""
@@ -95,8 +95,8 @@ def may_hide_um(
 
 
 def _usual_of_axis(off_um: Vector, axes: Sequence[str], share: Vector, at: int) -> float:
-    """Return the limit in um of a step from the other steps of its axis: a number of robust
-    standard deviations.
+    """Return the largest usual size in um of a step, from the robust standard deviation of the
+    other steps of its axis.
     """
     scatter_um, few = _scatter_of_axis(off_um, axes, share, at)
     return TIMES_NOISE * few * scatter_um
@@ -105,8 +105,9 @@ def _usual_of_axis(off_um: Vector, axes: Sequence[str], share: Vector, at: int) 
 def _scatter_of_axis(
     off_um: Vector, axes: Sequence[str], share: Vector, at: int
 ) -> tuple[float, float]:
-    """Return the robust standard deviation of a step in um, and the factor for a small number of
-    steps. The other steps of the axis are used, or the steps of all axes if the axis has few.
+    """Return the robust standard deviation of a step in um, and the factor that raises its limit
+    for a small number of steps. The other steps of the axis are used, or the steps of all axes if
+    the axis has few.
     """
     others = np.arange(len(off_um)) != at
     own = others & (np.array(axes) == axes[at])
@@ -122,8 +123,8 @@ def odd_step(
 
     ``steps_um`` (n - 1,) are measured minus nominal steps, ``axes`` their axes and ``nominal_mm``
     their nominal sizes. The tilt of the mirror and the scale of the axis change all steps of an
-    axis alike. An axis with few steps has an odd step only if the step is larger than any axis can
-    cause; an axis with a single step has none.
+    axis alike. A step of an axis with few steps is returned only if the step is larger than an axis
+    can cause. The single step of an axis is never returned.
     """
     found = []
     for axis in dict.fromkeys(axes):
@@ -175,8 +176,8 @@ def like_its_axis(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
 
 
 def scatter_of_steps(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
-    """Return the robust standard deviation in um of the steps of a pass without the step to
-    ``stop``, each step relative to the steps of its axis.
+    """Return the robust standard deviation in um of the differences between each step of a pass and
+    the median step of its axis, without the step to ``stop``.
     """
     off: list[float] = []
     for axis in dict.fromkeys(axes):

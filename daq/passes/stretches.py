@@ -107,8 +107,8 @@ class Unwatched:
 
     @property
     def doubt(self) -> Words:
-        """Return the reason to doubt the count over this time; empty for a count that is proven to
-        be unbroken.
+        """Return the reason to doubt the count over the unwatched time; empty for a count that is
+        proven to be unbroken.
         """
         if self.proven:
             return ""
@@ -138,7 +138,9 @@ class Stretches:
     """Largest difference in um between two measurements of a stop."""
     measured: dict[int, list[Measured]] = field(default_factory=dict)
     unwatched: dict[int, Unwatched] = field(default_factory=dict)
-    """The unwatched time before each stretch that has one."""
+    """The unwatched time before a stretch, by the number of the stretch; missing without an
+    unwatched time.
+    """
     slips: dict[int, Slip] = field(default_factory=dict)
     """The slip at the beginning of a stretch, by stretch."""
 
@@ -165,11 +167,11 @@ class Stretches:
         """Return the zero of every stretch that can be joined, for a pass with the given number of
         stops.
 
-        The zero of the first stop's stretch is 0. If another stretch alone contains the whole pass,
-        the pass was repeated, and the zero of the last such stretch is 0. Stretches are joined by
-        common stops. A stretch after an unwatched time is assumed to continue the count, with a
-        doubt; a common stop that gives its offset, or a proof of an unbroken count, removes the
-        doubt.
+        The stretch of the first stop has the zero 0. A repeated pass can have several stretches
+        that contain every stop without a doubt; the last of these stretches then has the zero 0.
+        Stretches are joined by common stops. A stretch after an unwatched time is assumed to
+        continue the count, with a doubt; a common stop that gives its offset, or a proof of an
+        unbroken count, removes the doubt.
         """
         bases = dict.fromkeys(
             entry.stretch for _, entries in sorted(self.measured.items()) for entry in entries
@@ -277,8 +279,8 @@ class Stretches:
         return False
 
     def misfit_um(self, zeros: Zeros) -> float | None:
-        """Return the disagreement in um of the stops measured in two stretches on the shift, if the
-        disagreement is too large to join the stretches; otherwise None.
+        """Return the largest difference in um between the shifts of the stops that two stretches
+        have in common, if this difference prevents joining the stretches; otherwise None.
         """
         apart = {
             entry.stretch for entries in self.measured.values() for entry in entries
@@ -292,10 +294,11 @@ class Stretches:
 
 
 def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
-    """Return a known zero with the doubts of the readings that join a stretch to it.
+    """Return the known zero of a stretch, with the doubts of the readings that join another stretch
+    to this stretch.
 
-    If a single stop joins the stretch, the error of its reading becomes the error of the whole
-    stretch.
+    If two stretches have a single common stop, the error of its reading becomes the error of the
+    whole joined stretch.
     """
     doubtful = next((each for each in readings if each.doubts), None)
     if known.doubt or doubtful is None:

@@ -75,8 +75,9 @@ def tabulate(
 def _pass_rows(
     survey: Survey, one: Counted, first: Counted, stated: dict[str, float]
 ) -> tuple[Vector, list[OnZero]]:
-    """Return the corrected readings of a pass, relative to the first stop of the ``first`` pass on
-    the same count, and their stops with the conditions ``stated`` afterwards.
+    """Return the corrected readings of a pass and their stops. The readings are relative to the
+    first stop of the ``first`` pass on the same count. The conditions ``stated`` afterwards replace
+    the recorded conditions of the stops.
     """
     chosen = one.driven.chosen()
     stops = [
@@ -98,8 +99,8 @@ def _pass_rows(
 def in_this_air(
     survey: Survey, first: Pass, stops: Sequence[CapturedStop], readings: Vector
 ) -> Vector:
-    """Return the true displacements in mm since the first of ``stops``, where the effect of the
-    dead path is zero.
+    """Return the true displacements in mm since the first of ``stops``. The effect of the dead path
+    is zero at this first stop.
     """
     values = {
         name: np.array([_environment(survey.environment, stop, name) for stop in stops])

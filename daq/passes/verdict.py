@@ -1,7 +1,7 @@
 """The final findings of a survey: open doubts, accepted doubts, values that replace a sensor, and
 events.
 
-A finding belongs to a measurement of a stop: when a repeated pass replaces the measurement, its
+A finding belongs to a measurement of a stop. When a repeated pass replaces the measurement, the
 finding has no further effect.
 """
 
@@ -22,8 +22,9 @@ STATED = ("air-unknown", "sensor-jump")
 
 
 def suspected(book: PassBook, findings: Iterable[Finding]) -> list[Doubt]:
-    """Return the doubts from the solver's errors about a stop, a pass, every pass of a setup, or
-    each of the passes that the data do not separate.
+    """Return the doubts from the solver's errors. An error concerns a stop, a pass, or every pass
+    of a setup. If the data do not show which of several passes is wrong, the error concerns each of
+    these passes.
 
     An error without a place is a doubt about every pass.
     """

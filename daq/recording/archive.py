@@ -169,8 +169,8 @@ def _tight() -> Iterator[None]:
     """Make the MCAP writer, which has no setting for the level, compress with the highest level in
     this process.
 
-    Two uses at a time are wrong: the second use would find the level reset, and pack the same log
-    to other bytes.
+    Only one use at a time is allowed: the end of the first use would reset the level of the second
+    use, and the same log would be packed to other bytes.
     """
     names = vars(mcap.writer)
     with _ONE_AT_A_TIME:

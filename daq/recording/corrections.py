@@ -3,8 +3,8 @@ read again with the corrected file.
 
 ``corrected.jsonl`` beside the logs contains one JSON object per correction: operator, time, the
 changed lines, and the corrected survey file. The end of a pass depends on the survey file, so the
-logs of a round are read as a single stream of events. A pass that a wrong map of signals split into
-two logs is then whole.
+logs of a round are read as a single stream of events. If a wrong map of signals has divided a pass
+into two logs, the pass is then whole.
 """
 
 from collections.abc import Iterator, Sequence
@@ -187,7 +187,7 @@ def compared(recorded: str, text: str) -> list[Change] | None:
 
 def drives_otherwise(recorded: str, text: str) -> bool:
     """Return whether the survey file ``text`` requires that the machine be driven differently than
-    with the file ``recorded``, or ``recorded`` is no longer readable.
+    with the file ``recorded``; True if ``recorded`` is no longer readable.
     """
     found = compared(recorded, text)
     return found is None or any(each.begins_round for each in found)

@@ -49,9 +49,9 @@ class Handshake:
             self._tell(stop.stop_count)
 
     def let_go(self, signals: Signals | None, owed: int | None, now_ns: int) -> None:
-        """Answer a machine whose program runs on after its survey is complete: no pass needs its
-        stops, and it waits at each of them. The stop that is ``owed`` has its answer when it is
-        safe in the log.
+        """Answer a machine whose program continues after its survey is complete. The machine waits
+        at each stop although no pass needs the stop. The stop count ``owed`` is not answered here,
+        because this answer follows when the stop is safe in the log.
         """
         count = signals.stop_count if signals is not None and _waits(signals) else None
         runs = signals is not None and signals.running is True

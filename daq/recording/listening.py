@@ -21,8 +21,9 @@ PATIENCE_NS = 3_000_000_000
 opened in the middle of a word, or the power was just switched on.
 """
 SILENCE_NS = 500_000_000
-"""Largest part in ns of `PATIENCE_NS` that one silence uses up. Noise at the opening of a line is
-no evidence about an instrument that gets power an hour later.
+"""Longest time in ns of a silence that counts towards `PATIENCE_NS`; a longer silence counts with
+this time. Noise at the opening of a line is no evidence about an instrument that gets power an hour
+later.
 """
 SECOND_NS = 1_000_000_000
 

@@ -147,9 +147,9 @@ def round_folders(folder: Path) -> list[Path]:
 
 
 def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
-    """Return the round to continue: the last round, if it is incomplete and ``survey_text`` drives
-    the machine in the same way, or if ``survey_text`` adds setups to this round; otherwise a new
-    round.
+    """Return the last round, or a new round. The last round continues in two cases: it is
+    incomplete and ``survey_text`` drives the machine in the same way, or ``survey_text`` adds
+    setups to this round.
 
     If ``survey_text`` decodes registers or laser differently, the logs are read again with
     ``survey_text``, and a correction beside the logs contains the change. Logs that were cut off
@@ -217,9 +217,7 @@ def gone_on_with(folder: Path, survey_text: str) -> Path:
 
 
 def _copied(path: Path, target: Path) -> None:
-    """Copy a file into another round. A log gets a second name instead, because it never changes
-    again.
-    """
+    """Copy a file into another round. A log gets a hard link, because it never changes again."""
     with suppress(OSError):
         if path.suffix != ".jsonl":
             target.hardlink_to(path)

@@ -12,8 +12,8 @@ class Settled:
     """Answers whether a survey is settled, and stores questions that come too early.
 
     While a log is open the answer is unknown, because the log may contain another measurement of a
-    doubtful stop. If the log then ends without a pass, the stored question checks again whether the
-    survey is complete.
+    doubtful stop. The question is then stored, so that the daemon asks again after the end of the
+    log, even if the log contains no pass.
     """
 
     def __init__(self) -> None:
@@ -21,7 +21,7 @@ class Settled:
         self._asked_too_early = False
 
     def know(self, session: Session) -> None:
-        """Mark the statements beside a survey's logs as known to its session."""
+        """Record that the session has read the statements beside the survey's logs."""
         self._mark = (session.folder, *mark_of(session.folder))
 
     def heard(self, session: Session) -> bool:

@@ -2,8 +2,8 @@
 laser.
 
 The samples become text lines in the form of the survey's ``[laser.line]``, with arrival times from
-the numbers of the samples. So log, replay, doubts and result equal those of a laser that this
-program recorded. The stops are identified as for a machine without signals
+the numbers of the samples. So a series is logged, replayed, doubted and solved in the same way as a
+laser that this program recorded. The stops are identified as for a machine without signals
 (`daq.capture.by_laser`).
 """
 

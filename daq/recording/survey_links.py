@@ -96,8 +96,8 @@ class SurveyLinks:
     def collect(self) -> None:
         """Pass the arrived chunks to ``consume``.
 
-        After `SLICE_NS` of work no chunk is passed on for an equal time. So machine, page and the
-        end of the daemon are served even if a line sends too much.
+        After `SLICE_NS` of work, the method passes on no chunk for as long as the work took. So the
+        loop can poll the machine, answer the page and end the daemon even if a line sends too much.
         """
         self._woken = False
         self._collected_ns = began_ns = now_ns()
@@ -122,8 +122,8 @@ class SurveyLinks:
             self._consume(Loss(now_ns(), chunks, size, message("line-overloads")))
 
     def hurry(self) -> None:
-        """Collect every chunk as soon as it arrives, until the next poll, because the machine
-        waits.
+        """Collect every chunk as soon as it arrives, until the next poll, because the machine waits
+        for the answer to a stop.
         """
         self._hurried = True
         for stream in self._streams:
@@ -191,8 +191,8 @@ class SurveyLinks:
         return arrived
 
     def _wake(self) -> None:
-        """Make the loop collect chunks once more, after all waiting work. Any thread may call this
-        method; repeated calls before the next collection have no further effect.
+        """Make the loop collect chunks once more, after the work that is already queued. Any thread
+        may call this method; repeated calls before the next collection have no further effect.
         """
         if not self._woken:
             self._woken = True

@@ -38,8 +38,9 @@ _log = structlog.get_logger("verdicts")
 class Judgement(msgspec.Struct, frozen=True, kw_only=True):
     """The reason why the solver found no result suitable for export.
 
-    ``stops`` is the number of captured stops at that time; another stop makes the judgement out of
-    date. ``doubts`` are the most probable faults, empty if no repeated pass would help.
+    ``stops`` is the number of captured stops at the time of the judgement; another stop makes the
+    judgement out of date. ``doubts`` are the most probable faults, empty if no repeated pass would
+    help.
     """
 
     time_s: float
@@ -57,8 +58,8 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def suspicions(self) -> tuple[tuple[int, tuple[Doubt, ...]], ...]:
-        """Return the suspicions of the solver, each with the number of earlier stops, for
-        `PassBook.foretell`.
+        """Return the most probable faults of each judgement, with the number of captured stops at
+        its time, for `PassBook.foretell`.
         """
         return tuple((each.stops, each.doubts) for each in self.judgements)
 
@@ -128,8 +129,8 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
     """Return the open doubts at a place. The place ``ppp/1/5`` is stop 5 of pass 1 of ppp;
     ``ppp/1`` is the pass with all its stops.
 
-    A code of a finding as place, such as ``too-many-outliers``, selects all doubts with this code;
-    a line of the survey file selects all doubts that this line causes.
+    ``place`` may also be the code of a finding, such as ``too-many-outliers``, which selects all
+    doubts with this code. A line of the survey file selects all doubts that this line causes.
 
     Raises UsageError with the list of the open doubts if the place has no open doubt.
     """

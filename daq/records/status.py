@@ -62,8 +62,8 @@ class AheadStatus(msgspec.Struct, frozen=True, kw_only=True):
     further: bool = False
 
     def while_open(self, to_drive: Iterable["DriveStatus"]) -> "AheadStatus":
-        """Return this advice; return an empty advice if its setup is recorded and the next advice
-        is still being computed.
+        """Return the advice unchanged, or an empty advice if the advised setup is recorded already
+        and the next advice is still being computed.
         """
         stands = (
             self.further or not self.setup or self.setup in {each.setup for each in to_drive}
@@ -80,12 +80,12 @@ class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
     state: Literal["to-do", "running", "done", "again"]
     reason: Words = ""
     doubt: Words = ""
-    """The doubtful stops of the setup that are used, with the reason."""
+    """The doubtful stops of the setup whose readings are used, with the reason."""
 
 
 class DriveStatus(msgspec.Struct, frozen=True, kw_only=True):
     """A pass to drive: its first stop (0: the whole pass), its number of stops, and its time in
-    minutes with the setting up.
+    minutes. The time of the first pass of a future setup includes the setting up.
 
     ``again`` marks a driven pass with missing or doubted stops.
     """

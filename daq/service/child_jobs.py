@@ -24,7 +24,8 @@ _log = structlog.get_logger("daemon")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commands:
     """The commands of the child processes. ``completion`` gets the folder of a finished survey;
-    ``archiving`` gets the folder of all surveys and its limit in GB (0: none).
+    ``archiving`` gets the folder with all rounds of the survey, and the folder's limit in GB (0:
+    none).
 
     ``ahead`` computes the next passes after each setup; ``ahead`` with `TAKE` adds the further
     setup that the operator selected. With `READINGS_ONLY` before the folder, ``completion`` writes
@@ -63,7 +64,9 @@ class Finisher:
         self._looking: asyncio.Task[None] | None = None
 
     def recorder_is(self, *, idle: bool) -> None:
-        """Record whether the recorder is idle. Only then is the last log closed and can be read."""
+        """Record whether the recorder is idle. While the recorder is idle, the last log is closed
+        and can be read.
+        """
         if idle:
             self._recorder_idle.set()
         else:
@@ -72,7 +75,7 @@ class Finisher:
     def finish(self, folder: Path) -> None:
         self._begin(self._finish(folder), f"completion {folder.name}")
         if self._looking is not None:
-            # the new result contains more than this computation, and must not wait for it
+            # The new result contains the next passes, too, and must not wait for this computation.
             self._looking.cancel()
         self.phase, self.message = "solving", ""
 

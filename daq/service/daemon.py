@@ -56,10 +56,10 @@ class Daemon:
     """Records surveys until it is stopped.
 
     ``completion`` is the command that processes the folder of a survey after its last pass.
-    ``archiving`` is the command that compresses finished surveys, with the folder of all surveys of
-    this name and the folder's limit in GB. ``ahead`` is the command that computes the next passes
-    after a setup. ``programs`` returns the NC program of each setup of a survey, by its name at the
-    control. ``status_source`` answers the page.
+    ``archiving`` is the command that compresses finished surveys. Its arguments are the folder with
+    all rounds of the survey and the folder's limit in GB. ``ahead`` is the command that computes
+    the next passes after a setup. ``programs`` returns the NC program of each setup of a survey, by
+    its name at the control. ``status_source`` answers the page.
     """
 
     def __init__(
@@ -302,7 +302,8 @@ class Daemon:
         first be safe in the log.
         """
         note = log_note(now_ns(), "info", str(ended.reason), "daemon")
-        # a stop is reported one turn of the loop after its answer, and so is the end of its pass
+        # A stop is reported one turn of the loop after its answer.
+        # The end of the pass is delayed by one turn, too, and so follows the last stop.
         self._working.recorder.promise(
             note,
             lambda: self._loop.call_soon_threadsafe(self._loop.call_soon, _say_ended, ended),
@@ -503,8 +504,8 @@ class Daemon:
         self._working.finisher.recorder_is(idle=idle)
 
     async def _publish(self) -> None:
-        """Make a new snapshot, and examine the files beside the logs. The period is long, so that
-        arrival stamps are disturbed less.
+        """Make a new snapshot, and examine the files beside the logs. The period `PUBLISH_S` is
+        long, so that this work rarely delays the arrival stamps.
         """
         looked_s = 0.0
         while True:

@@ -1,4 +1,6 @@
-"""The passes to drive: their order, their first stops, and their times with the setting up."""
+"""The passes to drive: their order, their first stops, and their times, which include the setting
+up.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -35,10 +37,10 @@ def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveSt
     """Return the open passes of the plan, in the order of driving; empty if every pass is complete
     and free of doubts.
 
-    A begun pass counts from the stop where it continues. The minutes of a pass are computed with
-    the measured pace, or with the planned pace until a pass is measured. The first pass of a future
-    setup includes the setting up, with the time measured on earlier setups. ``running`` is the
-    setup that the machine drives now.
+    The time of a partly driven pass begins at the stop where the pass continues. The minutes of a
+    pass are computed with the measured pace, or with the planned pace until a pass is measured. The
+    first pass of a future setup includes the setting up, with the time measured on earlier setups.
+    ``running`` is the setup that the machine drives now.
     """
     plan = survey.plan
     standing = book.last.setup if book.last is not None else ""

@@ -44,8 +44,8 @@ async def _nothing_to_correct(_name: str) -> None:
 
 @dataclass(slots=True, kw_only=True)
 class Working:
-    """The parts of the running daemon. ``session`` records. The page shows the survey of the
-    session ``shown``: the finished survey, until the next survey begins.
+    """The parts of the running daemon. The session ``session`` records the running survey. The page
+    shows the survey of the session ``shown``: the finished survey, until the next survey begins.
     """
 
     session: Session
@@ -63,8 +63,8 @@ class Working:
     remain valid.
     """
     correct: Callable[[str], Awaitable[None]] = _nothing_to_correct
-    """Reads the logs with the changed file, for the person with this name. Raises UsageError if the
-    logs cannot be read again now.
+    """Reads the logs again with the changed file. The argument is the name of the person who
+    requests this. Raises UsageError if the logs cannot be read again now.
     """
     waits_in_vain: Callable[[], bool] = bool
     """Returns whether the machine waits too long for the handshake."""

@@ -65,7 +65,8 @@ def with_plan(text: str, plan: Plan, source: str, increments: int | None = None)
 
 def extends(text: str, recorded: str) -> bool:
     """Return whether the survey file ``text`` equals the file ``recorded`` in a log, except for
-    further setups that change neither drive nor codes of the log's setups.
+    further setups. The further setups must change neither the path nor the setup number of a setup
+    in the log.
     """
     if text == recorded:
         return True
@@ -77,8 +78,8 @@ def extends(text: str, recorded: str) -> bool:
 
 
 def without_further(new: Survey, old: Survey) -> Survey:
-    """Return the survey ``new`` without its further setups if drive and codes of the setups in
-    ``old`` are the same; otherwise ``new`` unchanged.
+    """Return the survey ``new`` without its further setups if every setup of ``old`` has the same
+    path and setup number in ``new``; otherwise ``new`` unchanged.
     """
     names, before = new.plan.all_setups, old.plan.all_setups
     plan = msgspec.structs.replace(

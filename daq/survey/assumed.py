@@ -92,7 +92,7 @@ def _stated(section: Uncertainty, environment: Environment) -> Assumptions:
         index=_index(section, environment),
         index_setup=1e-6 * section.index_setup_ppm,
         u_material_c=section.u_material_c,
-        # the template contains the usual value, which is no statement
+        # The template contains the usual value, so the usual value is no statement by a person.
         material_stated=section.u_material_c != Assumptions().u_material_c,
         u_expansion_um_m_c=section.u_expansion_um_m_c,
         alignment_mrad=section.alignment_mrad,

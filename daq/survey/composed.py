@@ -92,8 +92,8 @@ def begun(usual: MachineClass, source: str) -> str:
 
 
 def _advised() -> str:
-    """Return the template with the recommended settings for a new survey: another order of axes for
-    each repeat, and separate targets of linear runs, which show the waves of a screw.
+    """Return the template with the recommended settings for a new survey. Each repeat has another
+    order of axes. Linear runs have separate targets, because these show the waves of a screw.
     """
     text = template()
     for line in _ADVISED:
@@ -102,10 +102,10 @@ def _advised() -> str:
 
 
 def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
-    """Return a number of increments with steps in whole micrometres, because NC programs write
-    whole micrometres, and without a step of whole or half turns of a screw (`in_step`). If there is
-    no such number, return the number with the fewest steps of whole or half turns; whole turns are
-    worse than half turns. Of several such numbers, return the number nearest to `USUAL`.
+    """Return the best number of increments. The steps are whole micrometres, because NC programs
+    write whole micrometres. No step should be a whole or half number of turns of a screw
+    (`in_step`). If every number has such steps, fewer steps of whole turns are better, then fewer
+    steps of half turns. Of several equally good numbers, the number nearest to `USUAL` is returned.
     """
     size = list(size_mm)
     whole = [
@@ -116,7 +116,7 @@ def increments_for(size_mm: Iterable[float], pitch_mm: float) -> int:
 
     def unfit(n: int) -> tuple[bool, int, int, int, int]:
         steps = [edge_mm / n for edge_mm in size]
-        # with twice the pitch, half a wave is a whole turn of the screw
+        # `in_step` finds whole and half multiples of a pitch: twice the pitch gives whole turns.
         turns = sum(in_step(step_mm, 2.0 * pitch_mm) for step_mm in steps)
         half_turns = sum(in_step(step_mm, pitch_mm) for step_mm in steps)
         return half_turns > 0, turns, half_turns, abs(n - USUAL), -n

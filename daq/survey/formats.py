@@ -77,8 +77,8 @@ def decoders(survey: Survey) -> dict[Stream, Decoder]:
 
 
 def laser_settings(laser: Laser, *, air: bool = False) -> FormatSettings:
-    """Return the settings of the laser's format, whose section must exist. ``air``: the air is
-    read, too.
+    """Return the settings of the laser's format, whose section must exist. With ``air``, the
+    settings also request the air from the laser.
     """
     common: dict[str, Any] = {"sign": laser.sign, "latency_s": laser.latency_s}
     if laser.format == "ids3010":

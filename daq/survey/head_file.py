@@ -77,8 +77,9 @@ class DetectorTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LightTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The sums of QD, PSD1 and PSD2 under the same light, and the limit of a clipped spot: the
-    relative difference of its sum from the other sums.
+    """The ``sums`` of QD, PSD1 and PSD2 under the same light. ``within`` is the largest relative
+    difference between the sum of one detector and the other sums; a larger difference means a
+    clipped spot.
     """
 
     sums: tuple[Positive, Positive, Positive]
@@ -108,8 +109,8 @@ class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CrosstalkTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The corrections of crosstalk (`fourdof.head.Crosstalk`). The place of the cube is stated, not
-    measured: zero means no offset.
+    """The corrections of crosstalk (`fourdof.head.Crosstalk`). The place of the corner cube
+    (``vertex_mm``) is stated, not measured: zero means no offset.
     """
 
     vertex_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -157,8 +158,8 @@ class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole calibration file. A file of version 1 contains no methods, and its missing fields,
-    except curves, count as ideal.
+    """The whole calibration file. A file of version 1 does not contain the method of a measurement
+    (``measured``). Missing fields of version 1, except curves, count as ideal.
     """
 
     head: HeadIdentity
@@ -187,8 +188,8 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, **{detector: changed})
 
     def with_measured(self, by: str, on: str, *names: str) -> "HeadFile":
-        """Return the file with the method ``by`` and the day ``on`` for these fields, without the
-        uncertainties of an earlier commissioning.
+        """Return the file with the fields ``names`` marked as measured by the method ``by`` on the
+        day ``on``. The uncertainties of an earlier commissioning are removed.
         """
         measured = {**self.measured, **{name: Measured(by=by, on=on) for name in names}}
         return msgspec.structs.replace(

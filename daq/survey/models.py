@@ -115,8 +115,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def offsets_mm(self) -> dict[str, Triple]:
-        """Return the offset in mm of each shifted setup from the usual line, by name; setups along
-        the same travel have the names ``ppp+1``, ``ppp+2`` in order.
+        """Return the offset in mm of each shifted setup from the unshifted setup, by name. Shifted
+        setups along the same travel have the names ``ppp+1``, ``ppp+2`` in order.
         """
         named: dict[str, Triple] = {}
         seen: dict[str, int] = {}
@@ -443,8 +443,8 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """The user's assumptions with k = 1, except ranges and limits;
     `stepdiag.base.conditions.assumptions` describes each of them.
 
-    A size None of an error of the machine means the usual value for ``machine_class`` and
-    ``feedback``.
+    If the size of an error of the machine is None, the usual value for ``machine_class`` and
+    ``feedback`` is used.
     """
 
     machine_class: Literal["good", "ordinary", "poor"] = "ordinary"
@@ -511,8 +511,8 @@ class Export(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Proof(msgspec.Struct, frozen=True, kw_only=True):
-    """The claims that a proof run tests; `Machine.active` lists the loaded files. ``profile`` is
-    empty if the export used no profile.
+    """The export that a proof run tests: control, result, readings and profile. `Machine.active`
+    lists the loaded files. ``profile`` is empty if the export used no profile.
     """
 
     controller: FileName
@@ -526,8 +526,8 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
     host: Text = "127.0.0.1"
     port: Port = 8420
     token: str = ""
-    """Token of the page, only in logs of older versions. A survey file with a token is refused,
-    because every log would contain the token.
+    """Access token of the operator's page; only logs of older versions contain a token. A survey
+    file with a token is refused, because every log would contain the token.
     """
     token_file: str = ""
     names: tuple[HostName, ...] = ()

@@ -1,4 +1,4 @@
-"""Times: the host's one clock, the clock of a stream of samples, and the stream itself.
+"""Times: the clock of the host, the clock of a stream of samples, and the stream itself.
 
 In: stamped chunks. Out: samples with their times, and every loss of count. Imported by every room
 above; depends on no survey and no file.

@@ -14,8 +14,9 @@ LOOKS = 5
 used, because a slow attempt was delayed between the two readings.
 """
 STEP_S = 0.5
-"""Least difference in s between the advance of the time of day and the advance of the host's clock
-that shows a set time of day. A time server changes the time of day far more slowly.
+"""Least change in s of the time of day relative to the host's clock, between two readings, that
+shows that the time of day was set. A time server changes the time of day by far less between two
+readings.
 """
 
 

@@ -55,8 +55,8 @@ def lower_line(
     """Return (offset, slope) of the line below all points with the least mean distance to the
     points.
 
-    The line is the edge of the lower convex hull below the mean counter. Needs two points, counters
-    ascending.
+    The line is the edge of the lower convex hull below the mean counter. At least two points are
+    needed, with ascending counters.
     """
     hull: list[int] = []
     for index in range(len(counters)):
@@ -154,7 +154,8 @@ class SampleClock:
         """Return whether the points of the last two seconds are all late by most of a sample
         period; if so, discard the earlier points.
 
-        An instrument that drops a sample without counting delays every later sample by one period.
+        If an instrument drops a sample that its counter does not count, every later sample is late
+        by one period.
         """
         if self._gaps_visible or self._period_ns is None or len(self._points) < 3 * SKIP_BINS:
             return False

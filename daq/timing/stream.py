@@ -2,9 +2,9 @@
 
 Chunks are decoded on request, or after a second: twenty chunks at once take little more time than
 one chunk. A replay must give the same samples as the live run, so the time of decoding must not
-change the samples: the decoder takes several chunks at once only if all contain plain samples,
-every sample keeps the arrival time of its chunk, and only whole chunks of old samples are
-discarded.
+change the samples. Three rules ensure this. The decoder takes several chunks at once only if all
+contain plain samples. Every sample has the arrival time of its chunk. Only whole chunks of old
+samples are discarded.
 """
 
 import math
@@ -122,7 +122,7 @@ class StreamBuffer:
     @property
     def resolution_um(self) -> float:
         """Return the smallest step in um between two samples until now; infinite before a first
-        movement. After a movement the result is the resolution of the instrument.
+        movement. After a movement this step is the resolution of the instrument.
         """
         self._settle()
         return self._least_step_mm * 1e3

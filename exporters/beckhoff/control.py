@@ -293,11 +293,11 @@ def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
 def _chain_held(options: BeckhoffOptions, source: str) -> str:
     """Return the kinematic chain in the notation of the control (ISG 296411019, P-VOLC-00008).
 
-    If the axis parameters vz_istw and vz_stellgr reverse an axis on the workpiece side, the survey
-    treats it as a tool axis, and the control must do the same. The angles of such an axis also
-    displace the axis itself. The tool chain does not contain this displacement, so the curves of
-    the axis contain this displacement. Raises ``UsageError`` if the chain has axes on the workpiece
-    side and the profile does not state ``turned``.
+    If the axis parameters vz_istw and vz_stellgr reverse an axis on the workpiece side, survey and
+    control must both treat this axis as a tool axis. The angles of such an axis also displace the
+    axis itself. The curves of the axis contain this displacement, because a tool axis has no such
+    displacement in the control. Raises ``UsageError`` if the chain has axes on the workpiece side
+    and the profile does not state ``turned``.
     """
     chain = options.chain or ""
     work, tool = parse_chain(chain)

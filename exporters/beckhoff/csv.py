@@ -36,8 +36,8 @@ RAD_DECIMALS = 9
 _FINER = 2
 """Additional decimal places of a straightness column from which a squareness is subtracted."""
 SHIFTS = {"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"}
-"""The straightness function to which the reader adds each squareness: both displace the tool in the
-same way.
+"""The straightness function to which the reader adds each squareness. A squareness and a slope of
+this function displace the tool in the same way.
 """
 
 Rows = list[tuple[str, list[str]]]
@@ -123,8 +123,8 @@ def _slope_rad(table: Table, name: str) -> float:
 
 
 def _without(table: Table, slopes_rad: Mapping[str, float]) -> Vector:
-    """Return the values of a table in um without its squareness, which is zero at the zero of the
-    axis.
+    """Return the values of a table in um without its squareness. The contribution of the squareness
+    is zero at the position 0 of the axis.
     """
     value = table.value_um
     for name, slope in slopes_rad.items():

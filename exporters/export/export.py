@@ -51,9 +51,9 @@ from stepdiag.exporters.tables.controller import Controller, Plan, Reporting
 from stepdiag.exporters.tables.profile import Profile
 
 MET_UM, FINEST_PART = 0.05, 10
-"""For an export without a profile: the largest error in um that the points of a table may cause at
-a measured position, and the largest number of table steps in one increment of the survey. Uneven
-targets need several steps.
+"""Limits of the table steps in an export without a profile. `MET_UM` is the largest error in um
+that the points of a table may cause at a measured position. `FINEST_PART` is the largest number of
+table steps in one increment of the survey; uneven targets need several steps.
 """
 
 
@@ -205,7 +205,8 @@ def _steps(step_mm: float | None, result: Result) -> tuple[float, ...]:
 
 def _measured_step(result: Result, index: int) -> float:
     """Return the largest step that divides the survey's increment and keeps the measured values of
-    an axis within `MET_UM`. If no step does, return the step with the smallest error.
+    an axis within `MET_UM`. If no step keeps the values within `MET_UM`, return the step with the
+    smallest error.
     """
     letter, low_mm, step_mm = (
         AXIS_LETTERS[index],

@@ -3,8 +3,9 @@
 Source: manual of the 8055i, p. 328. With LSCRWCOM (P15) on and NPOINTS (P16) points, each row
 contains a position from machine zero, the amount of error for travel in +, and the amount of error
 for travel in -, all in mm. If the second column contains only zeros, the first column is valid for
-both directions. stepdiag takes the wording of the manual literally: the amount of error is an
-error. No transfer format is public, and the manual describes no cross table.
+both directions. stepdiag assumes that the "amount of error" of the manual is the error of the
+machine, and not its correction. No transfer format is public, and the manual describes no cross
+table.
 """
 
 from stepdiag.base.findings import info

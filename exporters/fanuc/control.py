@@ -3,7 +3,7 @@ machine's own punch files.
 
 Without the machine's own punch files, no file for the control is written: the prefix of a pitch
 line differs between series of controls, and a wrong prefix changes parameters (controllers.md 2.6).
-The readable report then contains the values to type in.
+In this case the readable report contains the values to type in.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -316,8 +316,8 @@ def _refuse_lacking(
 
 
 def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
-    """Raise SafetyError if the machine's own pitch data come without their interval. The profile
-    contains only the interval of the new table.
+    """Raise SafetyError if the machine's own files contain pitch data without the interval of these
+    data. The profile contains only the interval of the new table.
     """
     if not any(any(file.pitch.values()) for file in own):
         return

@@ -30,9 +30,9 @@ report asks a person to set these parameters by hand.
 def fitted(
     parameters: Mapping[Key, str], master: PunchFile, options: FanucOptions
 ) -> dict[Key, str]:
-    """Return the parameters in the form of the machine's own file. A bit becomes part of its byte.
-    An interval is in mm (new controls), or in least input units if the file has no decimal point
-    (old controls).
+    """Return the parameters in the form of the machine's own file. The bit BDP replaces the last
+    digit of its parameter in the file. An interval is in mm (new controls), or in least input units
+    if the file has no decimal point (old controls).
     """
     result: dict[Key, str] = {}
     for (number, axis), text in parameters.items():

@@ -84,8 +84,8 @@ class _Reader:
     def _bidirectional(self, axis: AxisPoints, count: int) -> bool:
         """Return whether parameter 3605#0 gives an axis a second table for travel in -.
 
-        If no file contains parameter 3605#0, the axis has a second table if the profile requests
-        both directions and the files contain data of a second table.
+        Without parameter 3605#0 in the files, two conditions must be true: the profile requests
+        both directions, and the files contain data of a second table.
         """
         bits = self._find(BIDIRECTIONAL, axis.number)
         if bits is not None:

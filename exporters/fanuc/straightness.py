@@ -107,6 +107,6 @@ def _set_number(files: Sequence[PunchFile], key: int) -> int:
 
 
 def _worth_um(table: Table) -> float:
-    """Return the standard deviation along the axis of the lines through the four points, in um."""
+    """Return the standard deviation of a four-point table over the travel of its axis, in um."""
     at = np.linspace(table.position_mm[0], table.position_mm[-1], 201)
     return float(np.std(np.interp(at, table.position_mm, table.value_um)))

@@ -226,7 +226,7 @@ def _rename_into_place(target: Path, files: Sequence[ControlFile]) -> None:
         try:
             part.rename(target)
         except OSError:
-            # another export was faster: its set stays, and an equal set counts as success
+            # The set of a faster export is not replaced; an equal set counts as success.
             if not _stands_there(target, files):
                 raise
         sync_folder(target.parent)

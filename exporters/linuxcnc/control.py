@@ -2,9 +2,9 @@
 squarenesses.
 
 Source read at commit 5c41560: inijoint.cc, usrmotintf.cc, command.c, control.c, matrixkins.comp. A
-row of type 0 is ``nominal forward-actual reverse-actual``. Both actual values are real positions,
-so the file has no sign that could be wrong. The first line without three numbers ends the file
-without an alarm, so the file contains no comments. A file has at most 256 rows with rising nominal
+row of type 0 is ``nominal forward-actual reverse-actual``. The two actual values are positions and
+not corrections, so no sign can be wrong. The first line without three numbers ends the file without
+an alarm, so the file contains no comments. A file has at most 256 rows with rising nominal
 positions. The control interpolates linearly between rows, uses the end values outside, and adds the
 correction in joint space after the kinematics. LinuxCNC has no table for straightness; a finding
 names the straightness that remains.
@@ -143,8 +143,9 @@ class LinuxCnc:
         )
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
-        """Return the functions to write. A function with a squareness brings the second function of
-        its pair of axes, because the straight lines of both determine the coefficient.
+        """Return the functions to write. If a function contains a squareness, the second function
+        of its pair of axes is written as well, because the straight lines of both functions
+        determine the coefficient.
         """
         partners = {f"E{name[2]}{name[1]}" for name in names if name in fold.values()}
         return tuple(name for name in FUNCTIONS if name in partners or name in names)
@@ -365,9 +366,9 @@ def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
     """Return the squareness of two axes as a table of one coefficient. Its correction is zero at
     the machine zero, not at the reference.
 
-    A coefficient only rotates one axis against the other. The best rotation over the volume follows
-    from the straight lines that fit both curves of the pair, and not from the end-point line of the
-    curve with the squareness.
+    A coefficient only rotates one axis against the other. The best rotation over the volume is the
+    sum of the slopes of the straight lines that fit both curves of the pair. The end-point line of
+    the curve with the squareness is not used.
     """
     slope = (
         straight_line_um_mm(curve) + sum(straight_line_um_mm(other) for other in partner)

@@ -98,8 +98,8 @@ def named_by(
     source: str,
     over: Naming | None = None,
 ) -> Naming:
-    """Return the names in the INI file that activate ``files`` and keep the earlier names ``over``.
-    A lattice replaces all earlier names.
+    """Return the names in the INI file that activate ``files``. The names ``over``, which the INI
+    file has already, are kept, unless ``files`` contain a lattice.
 
     Raises ``UsageError`` for an axis without joints in the profile.
     """

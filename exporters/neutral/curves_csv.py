@@ -2,8 +2,8 @@
 coordinates.
 
 The numbers are ``e = actual - commanded`` relative to the reference position, without the law of a
-control. When read back, the curves count as the error. A person who types the numbers into a
-control must choose the sign with which the control subtracts the error.
+control. `stepdiag` reads the curves of such a file as the error of the machine. A person who types
+the numbers into a control must choose the sign with which the control subtracts the error.
 """
 
 from collections.abc import Sequence
@@ -80,7 +80,9 @@ class Neutral:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the curves of the later file, because a file represents a whole compensation."""
+        """Return the curves of the new files, or of the own files without new files, because a file
+        contains all curves of a compensation.
+        """
         return self.parse(new or own, profile)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - part of the protocol

@@ -54,8 +54,8 @@ def parse_profile(
     ``machine.existing``.
 
     If an axis has no start or no end, the table extends to this end of the measured ``volume``.
-    Without a volume (a sign test before the first survey) the profile must contain both. Raises
-    ``UsageError`` for a wrong profile.
+    Without a volume (a sign test before the first survey) the profile must contain start and end.
+    Raises ``UsageError`` for a wrong profile.
     """
     tables = read_toml(text, source)
     _refuse_unknown_sections(tables, controller, source)

@@ -213,7 +213,7 @@ def plain(value: float) -> str:
 def _check_increment(job: Job) -> None:
     """Raise ``UsageError`` if a commanded position is no multiple of the control's input increment.
 
-    A control rounds such a position, and the stop then differs from the target of the survey.
+    A control would round the position, and the stop would differ from the target of the survey.
     """
     increment = 10.0**-job.decimals
     for each in passes_of(job.sequence, job.setup):

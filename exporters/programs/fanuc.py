@@ -66,8 +66,9 @@ class Fanuc(Dialect):
         """Return the first blocks of the program, which set known modes, refuse any offset,
         rotation, scaling and mirror image, and halt.
 
-        ``G53`` alone on a block delays the reading of the positions until the axes have arrived.
-        The positions show a shift. A rotation is visible only in its modal code.
+        ``G53`` alone on a block delays the reading of the positions until the axes have arrived. A
+        comparison of the positions shows a shift, but no rotation. The modal code of the rotation
+        is read instead.
         """
         return [
             "G21",

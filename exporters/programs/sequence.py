@@ -24,11 +24,11 @@ class Sequence:
     """The commanded part of a survey, in machine coordinates.
 
     Each of the ``setups`` has a program. The setup ``ppp+1`` is a repetition of the body diagonal
-    ppp with a shifted beam. Its program drives the same stops and sends the same setup number to
-    the PLC; only the place of the laser differs. ``beam_offset_mm`` by setup, ``axis_orders``,
-    ``alternate`` and ``targets`` are those of `stepdiag.base.readings.runs.Run`. A pass begins
-    ``overrun_mm`` outside its first stop, so that every moving axis has taken up its backlash; with
-    0 the pass has no approach.
+    ppp with a shifted beam. The program of ``ppp+1`` drives the same stops as the program of ppp
+    and sends the same setup number to the PLC; only the place of the laser differs.
+    ``beam_offset_mm`` by setup, ``axis_orders``, ``alternate`` and ``targets`` are those of
+    `stepdiag.base.readings.runs.Run`. A pass begins ``overrun_mm`` outside its first stop, so that
+    every moving axis has taken up its backlash; with 0 the pass has no approach.
     """
 
     name: str

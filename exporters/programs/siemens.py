@@ -8,8 +8,8 @@ class Siemens(Dialect):
     """Part program in machine coordinates (``SUPA`` suppresses every offset of its block).
 
     The control and the PLC share the data words ``$A_DBW[n]`` (DB4900 on 828D: function manual
-    6FC5397-0BP40-2BA0, 14.5.1.5). The control writes them while it prepares blocks; ``STOPRE``
-    delays the writing until the axes have arrived.
+    6FC5397-0BP40-2BA0, 14.5.1.5). The control writes these data words while it prepares blocks;
+    ``STOPRE`` delays the writing until the axes have arrived.
     """
 
     control = "siemens"

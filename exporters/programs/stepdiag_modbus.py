@@ -83,7 +83,9 @@ class Block:
         self._pins["captured"] = float(count)
 
     def _look(self) -> None:
-        """Query the state of the control at intervals that do not load it."""
+        """Query the state of the control at most every `STATUS_S`, because each query loads the
+        control.
+        """
         if time.monotonic() - self._looked_s < STATUS_S:
             return
         self._looked_s = time.monotonic()

@@ -9,17 +9,18 @@ tables of each axis act along the other axis. One fault affects one function, al
 kind of table, or all functions. The search adds one fault at a time, as long as each fault makes
 the readings `NAMED` times as likely as before.
 
-Any other factor means a table of another size. Such a table is wrong if its size differs by more
-than `verdicts.regression` tolerates, and if this size is `SURE` times as likely as the nearest
-state. The second condition is tested twice: with the states of all other tables, and with any size
-of all other tables. If only the first condition is true, the table is undecided.
+Any other factor means a table of another size. A table of another size is wrong if both of these
+conditions are true; it is undecided if only condition 1 is true: (1) Its size differs by more than
+`verdicts.regression` tolerates. (2) This size is `SURE` times as likely as the nearest state.
+Condition 2 is tested with the states of all other tables, and again with any size of all other
+tables.
 
-The state of a table is decided if every other state of this table alone, and of all tables of its
-kind, makes the readings `SURE` times less likely. The report shows the factor of the table with U.
-The factor of a table with a state is estimated with the states of all other tables; the factor of a
-table without a state is estimated with any size of the other tables. The tables are kept if each
-table is right, or is undecided but too small to matter: its possible states then differ by no more
-than U of the survey.
+The state of a table is decided if each other state makes the readings `SURE` times less likely, for
+this table alone and for all tables of its kind. The report shows the factor of the table with U.
+The factor of a table with a decided state is estimated with the states of all other tables. The
+factor of any other table is estimated with any size of the other tables. The tables are kept if
+each table is right, or is undecided but too small to matter: its possible states then differ by no
+more than U of the survey.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -203,8 +204,8 @@ class _Case:
                 yield self._exchanged(than, some, *pair)
 
     def sized(self, than: _Explained) -> Iterator[_Explained]:
-        """Yield explanations with the best factor for a group of tables, if this factor means
-        another state than the present one.
+        """Yield explanations with the best factor for a group of tables, if this factor changes the
+        state of a table in the group.
         """
         for group in self.groups:
             if all(than.states[name][0] != "axes-swapped" for name in group):
@@ -317,8 +318,7 @@ def _proved(case: _Case, best: _Explained, name: str, result: Result) -> Proved:
         np.inf if state == "axes-swapped" else abs(share - 1.0) for state, share in states
     )
     shown, u = case.shown(best, name)
-    # A size without a known cause is accepted only if no sizes of the other tables explain
-    # it.
+    # A size without a known cause is undecided if sizes of the other tables can explain it.
     unsized = (code, factor) not in STATES and code == "scaled" and _code(shown, u) != code
     return Proved(
         function=name,
@@ -349,8 +349,9 @@ def _size_um(case: _Case, name: str) -> float:
 
 
 def _code(factor: float, u: float) -> Code:
-    """Return the state (right, opposite sign, missing) whose factor is nearest, if the difference
-    is tolerated or the factor is not `SURE` times as likely; else "scaled".
+    """Return the state (right, opposite sign, missing) whose factor is nearest. Return "scaled" if
+    the difference from this factor is larger than tolerated and makes the nearest state `SURE`
+    times less likely.
     """
     code, exact = min(STATES[:3], key=lambda state: abs(state[1] - factor))
     within = max(SIZED, float(np.sqrt(2.0 * np.log(SURE))) * u)
@@ -358,8 +359,8 @@ def _code(factor: float, u: float) -> Code:
 
 
 def _unknown_um(result: Result, function: str) -> float:
-    """Return U of a function (of a product: of its first function) by the readings, as rms over the
-    positions in um; 0 for an unknown function.
+    """Return U of a function from the readings, as rms over the positions in um; 0 for an unknown
+    function. For a product, U is that of the curve in its name (``EYX`` of ``EYX*Z``).
     """
     found = result.errors.get(function[:3])
     if found is None:

@@ -283,8 +283,8 @@ CHECKS: tuple[Check, ...] = (
 
 
 def run_checks(case: Case, checks: Sequence[Check] = CHECKS) -> tuple[Finding, ...]:
-    """Return every error and every warning. If a table is not finite or not ascending, only the
-    findings of this check are returned.
+    """Return every error and every warning. If `check_finite` has findings, only these findings are
+    returned.
     """
     broken = tuple(check_finite(case))
     return broken or tuple(one for check in checks for one in check(case))
@@ -371,8 +371,7 @@ def _net_um(case: Case, table: Table) -> Vector:
     axis, whose levers count from the zero of the axes.
 
     Far from this zero, the table and the effect of its angles are large and nearly cancel each
-    other. The axis moves by their sum. The result is the mean of the sum over the volume, relative
-    to the reference.
+    other. The result is the mean of their sum over the volume, relative to the reference.
     """
     turns = [
         each

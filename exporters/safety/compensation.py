@@ -1,10 +1,11 @@
 """The compensation that was active in the control during the measurement. The survey file states
 the compensation and the active files before the first pass.
 
-Two exports make the machine worse: a table made from the residual error of a compensated machine
-that replaces the active table, and a table made from the uncompensated machine that is added to the
-active table. So an export is refused if its profile or files contradict the survey. The hashes are
-those of files that the operator read out of the control, with the date and the way of reading.
+Two mistakes make the machine worse. A table from the residual error of a compensated machine must
+not replace the active table. A table from the error of the uncompensated machine must not be added
+to the active table. So an export is refused if its profile or files contradict the survey. The
+hashes are those of files that the operator read out of the control, with the date and the way of
+reading.
 """
 
 import hashlib
@@ -24,8 +25,8 @@ def require_agreement(result: Result, profile: Profile) -> None:
     during the measurement.
 
     The codes are ``compensation-unanswered`` (the survey states nothing),
-    ``survey-differs.compensation`` (one states on, the other off) and ``active-table-unfit.other``
-    (other files).
+    ``survey-differs.compensation`` (survey and profile state different switch positions) and
+    ``active-table-unfit.other`` (other files).
     """
     statement = require_answer(result)
     if statement.state is None:

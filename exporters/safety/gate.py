@@ -51,7 +51,7 @@ def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ())
 
 def gate_findings(case: Case, standing: Standing) -> Iterator[Finding]:
     """Yield the faults of the tables that a control reads from the written text: differences from
-    the checked plan, limits and travel, and the verdicts of `verify`.
+    the checked plan, violations of limits and travel, and wrong tables by the verdicts of `verify`.
 
     ``standing`` contains the tables of the control after it has read the written text.
     """

@@ -77,8 +77,8 @@ def missed_um(grid_mm: Vector, position_mm: Vector, value_um: Vector) -> float:
 
 
 def coarse(whose: Message, missed: Mapping[str, float]) -> Iterator[Finding]:
-    """Yield the remark that straight lines between the points of ``whose`` differ from the
-    functions by more than the uncertainty of a survey.
+    """Yield the remark about a table or lattice (``whose``) with a coarse grid: the straight lines
+    between its points differ from the functions by more than the uncertainty of a survey.
     """
     left = [
         message("so-much-of", name=name, size_um=um)
@@ -132,10 +132,10 @@ def backlash_offered(
 ) -> Iterator[Finding]:
     """Yield the backlash of an axis with its U, if the survey has a significant backlash.
 
-    The control's backlash parameter was active during the measurement. So the measured backlash is
-    added to the value that the parameter had during the measurement, and not to the present value,
-    which may already contain it. A control that ``ends_backlash`` ignores this parameter beside a
-    table.
+    The control's backlash parameter was active during the measurement. The remark asks a person to
+    add the measured backlash to the value of the parameter during the measurement. The present
+    value is not used, because it may already contain the measured backlash. With ``ends_backlash``
+    a table switches this parameter off, and the remark concerns the table instead.
     """
     number: Backlash | None = getattr(result.backlash, letter, None)
     if number is None or abs(number.value) <= SIGNIFICANT * number.u:

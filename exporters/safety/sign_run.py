@@ -17,8 +17,8 @@ from stepdiag.exporters.files.listing import number_rows
 HEADER = "position_mm,off_um,on_um"
 _SAME_MM = 1e-3
 _GROWTH = 0.01
-"""Largest difference between the growth of the reading and that of the position, as a ratio: no
-machine errs by 10 mm in a metre.
+"""Largest difference from 1 of the slope of the reading over the position: no machine has an error
+of 10 mm per metre.
 """
 
 

@@ -30,13 +30,15 @@ safety checks.
 SLOPE_UM_MM = 0.2
 """Slope of a flank of the bump, small enough for the safety checks."""
 _LEFT_BEYOND = 0.5
-"""Largest share of the expected movement that may remain beyond a bump."""
+"""Largest movement beyond the bump, as a share of the measured or the expected movement at the top
+of the bump, whichever is larger.
+"""
 _NO_MOVEMENT = 0.05
 """Share of the expected movement below which the table is not active."""
 _SIZE = (0.525, 1.9)
 """Shares of the expected movement between which the sense is accepted. A movement of half or twice
-the expected size has a likely cause, so it is not accepted; the margin is for the error of a
-reading.
+the expected size is not accepted, because it has a likely cause. The limits differ from 1/2 and 2
+by the error of a reading.
 """
 _CAUSES = (
     (10.0, message("unit-ten-times")),
@@ -45,8 +47,8 @@ _CAUSES = (
     (1000.0, message("um-mixed-up")),
 )
 _ALIKE = 1.3
-"""Largest ratio between a movement and the factor of a cause at which the report states this
-cause.
+"""Largest ratio between the measured share of the movement and the share that a known cause
+produces, at which the report names this cause.
 """
 
 

@@ -42,8 +42,8 @@ class Standing:
         )
 
     def lost(self) -> tuple[Table, ...]:
-        """Return the earlier tables whose function no table corrects after loading, or whose
-        function is corrected differently although the new files do not contain it.
+        """Return the earlier tables that loading removes or changes and whose function has no table
+        in the new files.
         """
         named, held = {table.name for table in self.new if table.value_um.any()}, self.staying
         return tuple(
@@ -80,8 +80,8 @@ def identifies(result: Result, table: Table) -> bool:
 
 
 def acts_with(one: Table, other: Table) -> bool:
-    """Return whether ``one`` and ``other`` move the same output axis, and ``one`` moves with all
-    axes with which ``other`` moves.
+    """Return whether ``one`` and ``other`` move the same output axis, and the movement by ``one``
+    depends on every axis on which the movement by ``other`` depends.
 
     So a product acts together with the curves of both of its axes. Two products of the same axes
     also act together, because a new product may replace the correction of an old product in another
@@ -111,7 +111,7 @@ def standing_findings(
     }
     for table in standing.staying:
         if not _stands(table, standing.before):
-            # Before loading, the old table multiplied another table, or had other numbers.
+            # Before loading, this old table was a part of another product, or had other numbers.
             yield error("old-table-left-active.part-left", label=table.label)
         elif table.name in named:
             yield error(
@@ -139,8 +139,8 @@ def standing_findings(
 
 
 def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
-    """Yield an error if an old product that was off during the measurement stays active beside a
-    new curve, because the curve also contains a part of its correction.
+    """Yield an error if an old product would act together with a new curve. The product was off
+    during the measurement, so the curve contains a part of the product's correction.
     """
     for table in new:
         if table.multiplier is None and acts_with(product, table) and table.value_um.any():
@@ -151,8 +151,8 @@ def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
 
 
 def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterator[Finding]:
-    """Yield a warning if old tables cover more travel than the new tables of the same function and
-    are not flat there.
+    """Yield a warning if old tables cover more travel than the new tables of the same function, and
+    change their correction in the additional travel.
     """
     first = min(float(each.position_mm[0]) for each in new if each.name == table.name)
     last = max(float(each.position_mm[-1]) for each in new if each.name == table.name)
@@ -174,8 +174,8 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
 
 
 def slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
-    """Yield a warning if old tables contain a slope along the positions of a table, and the result
-    does not identify this slope.
+    """Yield a warning if old tables correct a slope over the travel of ``table``. The caller has
+    checked that the result does not identify this slope.
     """
     ends = table.position_mm[[0, -1]]
     rise_um = sum(
@@ -196,8 +196,9 @@ def _stands(table: Table, among: Iterable[Table]) -> bool:
 
 
 def unchanged(now: Iterable[Table], then: Iterable[Table]) -> bool:
-    """Return whether the present tables move an axis as the earlier tables did, within one unit and
-    except for an origin, at the points of the present tables.
+    """Return whether the present tables move an axis as the earlier tables did, at the points of
+    the present tables. A difference within the resolution of the tables, or a constant difference,
+    is ignored.
     """
     every, rest = list(now), list(then)
     at = np.unique(np.concatenate([table.position_mm for table in every]))

@@ -7,26 +7,27 @@ this function the survey measures
     measured = e (1 +- CHANGED)                 compensation off
     measured = e (1 +- CHANGED) - k e           compensation on
 
-so the share a = <measured, old> / <old, old>, with old = k e, is 1 / k for "off" and 1 / k - 1 for
-"on". k is log-normal around 1 (`SIZES`), with one k for all tables of a kind. The uncertainty of
-the result gives an uncertainty of the share. The odds of "on" against "off" are the ratio of the
-likelihoods of all shares of a kind, integrated over k.
+With old = k e, the share a = <measured, old> / <old, old> is 1 / k for "off" and 1 / k - 1 for
+"on". The size k is log-normal around 1 (`SIZES`). All tables of a kind have the same k. The
+uncertainty of the result gives an uncertainty of the share. The odds of "on" against "off" are the
+ratio of the likelihoods of all shares of a kind, integrated over k.
 
-A table of another machine, or from before a repair, has any share (`ALIEN`), and its function has
-another shape: the part of the function beside the share exceeds CHANGED of e, which is evidence
-against both states. All tables of a kind come from such a source with the odds `ALIEN_ODDS`; this
-third explanation is the likeliest if neither state fits. A single table comes from such a source
-with the probability `ALIEN_ODDS` in either state, so a single repaired function is no evidence
-about all others.
+A third explanation is a table from another source: from another machine, or from before a repair.
+Such a table can have any share (`ALIEN`), and the measured function has another shape than the
+table. A difference of shape above the share `CHANGED` of e is evidence against "on" and against
+"off". The odds are `ALIEN_ODDS` that all tables of a kind come from another source. A single table
+of a kind comes from another source with the probability `ALIEN_ODDS`, so a single repaired function
+is no evidence about the other functions.
 
-If a single table among several fits the other state, for the size of the other tables, its switch
-was probably forgotten. A finding names this table.
+If all tables of a kind fit one state and a single table fits the opposite state, the switch of this
+table was probably forgotten. A finding names the table. The size k of the other tables is used for
+this comparison.
 
 A statement with odds of `CERTAIN` against it is refused. A statement with odds of `CERTAIN` for it
-counts as confirmed by the data. Between these odds the data do not decide: a table that is off and
-has twice the right size (k = 2) shows the share 1/2, and so does a table that is on and has two
-thirds of the right size (k = 2/3). With odds of `DOUBTED` against a statement, and for a single
-table in the other state, a person is asked. Without a confirmed statement, the prediction is valid
+counts as confirmed by the data. Between these odds the data do not decide. For example, a table
+with the share 1/2 can be off and twice the right size (k = 2), or on and two thirds of the right
+size (k = 2/3). A warning asks a person in two cases: the odds against a statement exceed `DOUBTED`,
+or a single table has the opposite state. Without a confirmed statement, the prediction is valid
 only after a proof run. Functions are judged by kind of table, so that a single forgotten switch can
 be found.
 """
@@ -63,7 +64,9 @@ SEEN = 0.3
 table is no larger than the uncertainty of the survey.
 """
 CERTAIN, DOUBTED = 20.0, 4.0
-"""Odds that decide, and odds against a statement above which a person is asked."""
+"""Odds at which the data confirm or contradict a statement, and odds against a statement above
+which a warning asks a person.
+"""
 FEWEST_BESIDE = 2
 """Number of other tables of a kind that must show the size before a single table is judged."""
 CONTRADICTED: Final = "compensation-contradicted"
@@ -261,11 +264,12 @@ def _log_fit(share: Share, *, acted: bool) -> Vector:
 
 
 def apart(group: Judged, *, acted: bool, least: float) -> list[str]:
-    """Return the tables of a group that were in the other state than ``acted`` although all the
-    others were in the state ``acted``. The list contains a minority of the group.
+    """Return the tables of a group that were off although the other tables of the group were on
+    (``acted`` is true), or on although the other tables were off. The list contains a minority of
+    the group.
 
-    The other tables show the size, for which the state of a single table is compared. The other
-    state of a returned table has odds above ``least``. A table that fits neither state comes from
+    The state of a single table is judged with the size of the other tables. The opposite state of a
+    returned table has odds above ``least``. A table that fits neither "on" nor "off" comes from
     another source. A squareness has no switch of its own.
     """
     found = []
@@ -287,8 +291,8 @@ def apart(group: Judged, *, acted: bool, least: float) -> list[str]:
 
 
 def states(result: Result, controller: Controller, profile: Profile) -> Iterator[Finding]:
-    """Yield the findings of the data about the statement, for the active tables and for tables that
-    were off while other tables were active (`state_findings`).
+    """Yield the findings of `state_findings` about the stated compensation, for the active tables
+    and for tables that were off while other tables were active.
     """
     acting = controller.standing(profile.existing, (), profile) if profile.existing else ()
     yield from state_findings(result, acting, profile.machine.measured_with)
@@ -305,8 +309,8 @@ def state_findings(result: Result, tables: Sequence[Table], stated: str) -> Iter
     ("on" or "off").
 
     The finding is an error if the data contradict the statement. The finding is a warning if the
-    data make the statement doubtful, or show a single table in the other state. The finding is the
-    warning `UNPROVEN` if the data do not confirm the statement.
+    data make the statement doubtful, or if a single table contradicts the statement. The finding is
+    the warning `UNPROVEN` if the data do not confirm the statement.
     """
     for group in judged(shares(result, tables)):
         each = [

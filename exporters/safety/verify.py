@@ -94,8 +94,9 @@ class Effect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """The predicted effect of files ``anywhere`` in the volume, which all values and refusals use,
-    and at the points that are ``drawn``.
+    """The predicted effect of files. ``anywhere`` is the effect at points spread over the volume,
+    from which all values and refusals are computed. ``drawn`` is the effect at the points of the
+    picture.
     """
 
     anywhere: Effect
@@ -169,8 +170,8 @@ class Verification:
 
     @property
     def verdict(self) -> Literal["right", "wrong", "undecided"]:
-        """Return the verdict on all files. Right files are undecided until a proof run, if their
-        old tables may have had another state than stated.
+        """Return the verdict on all files. Right files are undecided until a proof run if the data
+        do not confirm the stated state of the old tables during the measurement.
         """
         if not self.right:
             return "wrong"
@@ -199,8 +200,8 @@ def predict(
 
 
 def _steps_unseen(volume: Volume, replaced: Sequence[Table]) -> Correction | None:
-    """Return the effect between the targets of the steps of tables that were active during the
-    measurement; None without steps.
+    """Return the effect of stepped tables between the targets of the survey, for tables that were
+    active during the measurement; None without stepped tables.
 
     The survey joins its targets by straight lines, which contain the steps only at the targets.
     """
@@ -360,9 +361,9 @@ def worse_findings(
 
 
 def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
-    """Yield a warning for each stretch of an axis that the files are predicted to make worse
-    although they improve the whole volume, and for functions that are unknown between the
-    targets.
+    """Yield a warning for each stretch of an axis that the files make worse by the prediction,
+    although they improve the volume as a whole. Yield another warning for functions that are
+    unknown between the targets.
     """
     effect = prediction.anywhere
     if not prediction.clearly_worse:

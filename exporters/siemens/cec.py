@@ -51,8 +51,8 @@ def assignments(table: Table, profile: Profile, decimals: int, points: int) -> l
 
 
 def read_tables(file: ControlFile, profile: Profile, sense: Sense) -> tuple[Table, ...]:
-    """Return the CEC tables of a file as the control numbers them. A multiplied and a multiplying
-    table are two tables.
+    """Return the CEC tables of a file as the control numbers them. A product is returned as its two
+    tables, the multiplied table and the multiplying table.
 
     Raises ``DataError`` with file and line, ``UsageError`` for an unknown axis.
     """

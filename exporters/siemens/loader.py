@@ -24,7 +24,9 @@ _REFUSALS = {
     "READ IT OUT",
 }
 _DIGIT_MM = 1e-5
-"""Largest difference in mm between a value and its text in an archive, which leaves out a digit."""
+"""Largest difference in mm between a value and its text in an archive, because an archive has fewer
+digits.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,11 +3,12 @@ with its lever.
 
 Function manual K3 (6FC5397-1BP40-3BA1): the product is added to the total compensation value of the
 output axis (p. 245). ``$AN_CEC_MULT_BY_TABLE[t]`` contains the NUMBER, index + 1, of the table that
-multiplies table t (p. 249). In the example of p. 252 X1 moves only by the product of a tilt along
-X1 and a straight line along Z1, so two linked tables apply only their product. The manual does not
-state this explicitly. So the multiplied and the multiplying table get values of about 0.1 mm,
-instead of an error and a factor of one. If a control adds the tables themselves, the sign test
-moves the axis by about 0.1 mm, without damage, and reports it.
+multiplies table t (p. 249). The manual does not state whether two linked tables also act by
+themselves. In the example of p. 252, X1 moves only by the product of a tilt along X1 and a straight
+line along Z1. So stepdiag assumes that two linked tables apply only their product. As a precaution,
+the values of both tables are about 0.1 mm, although an error and a factor of one would give the
+same product. If a control adds the tables themselves, the axis moves by only about 0.1 mm in the
+sign test, and the sign test reports this movement.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

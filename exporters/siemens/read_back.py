@@ -3,11 +3,11 @@ with its switches and weight, as assignments.
 
 The file has the form of a data file, so the reader of the machine's own files can read it. WRITE
 appends a line to a file of the passive file system; MD11420 limits the length of this file (NC
-Programming, SINUMERIK ONE, p. 566). This manual does not state how many digits "<<" writes. DELETE
-with a fault variable and a path comes from a published program for the 810D
-(industrialmonitordirect.com, deleting programs with an invalid name). The program
-cannot write a variable of type AXIS, which allows only == and <> (Job Planning, 828D,
-6FC5398-2BP40-0BA0, p. 66): it compares the variable with each axis and writes the matching name.
+Programming, SINUMERIK ONE, p. 566). This manual does not state how many digits "<<" writes. The
+form of DELETE, with a fault variable and a path, comes from a published program for the 810D
+(industrialmonitordirect.com, article "deleting programs with an invalid name"). The program cannot
+write a variable of type AXIS, which allows only == and <> (Job Planning, 828D, 6FC5398-2BP40-0BA0,
+p. 66): it compares the variable with each axis and writes the matching name.
 """
 
 from collections.abc import Iterator, Sequence

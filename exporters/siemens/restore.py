@@ -177,7 +177,7 @@ def cec_kind(
 
 def is_idle(table: Table, profile: Profile, enabled: Collection[str] = ()) -> bool:
     """Return whether a table is switched off in the machine's own files although compensation was
-    active during the measurement. The CEC of the axes ``enabled`` counts as on.
+    active during the measurement. The CEC of the axes ``enabled`` is assumed to be switched on.
     """
     if profile.machine.measured_with == "off":
         return False

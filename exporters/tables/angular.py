@@ -152,8 +152,8 @@ def _move(
     by: int,
     middles: Mapping[str, float],
 ) -> None:
-    """Subtract from the curves the movement that the control adds by an angle and the lever along
-    ``by`` and that the fit does not contain.
+    """Correct the curves for an angle and its lever along ``by``: the control adds a movement that
+    the fit does not contain, and this movement is subtracted.
     """
     turn, moving = _TURNS.index(angle.name[1]), _LETTERS.index(angle.name[2])
     for output in range(3):

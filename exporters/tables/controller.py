@@ -25,9 +25,9 @@ PLAUSIBLE_SLOPE_UM_MM = 0.8
 squareness.
 """
 PLAUSIBLE_STEP_UM = 6.0
-"""Plausible change in um between two measured values, in addition to the plausible slope: screw
-waves of 3 um peak to peak, or four times the scatter of the difference of two values on a poor
-machine.
+"""Plausible change in um between two measured values, in addition to the plausible slope. It allows
+for screw waves of 3 um peak to peak, and for four times the scatter of the difference of two values
+on a poor machine.
 """
 
 

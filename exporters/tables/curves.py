@@ -183,9 +183,10 @@ def _significant(name: str, reversal: Function) -> bool:
     """Return whether a reversal is significant at any position. The reversal of a positioning
     function must also be known at the first position.
 
-    If the passes share no zero, the reversal of a positioning function is known only relative to
-    its first position (u = 0 there). Tables for each direction would then omit the constant part,
-    although the backlash parameter is zero.
+    If the passes have no common zero, the reversal of a positioning function is known only relative
+    to its first position (u = 0 there). The constant part of the reversal is then unknown, and
+    tables for each direction would leave it uncorrected, because the backlash parameter is zero
+    with such tables.
     """
     if reversal.u is None or reversal.value is None:
         return reversal.value is not None

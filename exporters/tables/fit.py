@@ -1,17 +1,17 @@
 """The curves and products that fit the error field over the volume best, in the sense of least
 squares.
 
-A table of an axis is a single curve for the whole volume, but an angular error moves the tool by a
-lever: the movement on the line of the measurement and the movement on the opposite edge differ. The
-field of rigid bodies (theory 2.2) is a sum of curves and of terms ``alpha(a) (b - b_0)``, an angle
-of axis a times a lever along axis b. With bars for the mean over the volume,
+A table of an axis is a single curve for the whole volume. An angular error moves the tool by a
+lever, so the movement on the line of the measurement differs from the movement on the opposite
+edge. The field of rigid bodies (theory 2.2) is a sum of curves and of terms ``alpha(a) (b - b_0)``,
+an angle of axis a times a lever along axis b. With bars for the mean over the volume,
 
     alpha(a) (b - b_0) = alpha(a) (b_bar - b_0)  +  alpha_bar (b - b_bar)  +  (alpha(a) - alpha_bar)
     (b - b_bar)
 
-The first two summands are curves. The third summand is orthogonal to every curve. So the curves
-with the first two summands added are the best fit of the whole field, and only a control with
-products of two tables, or with a lattice, can correct the third summand.
+The first two summands of this equation are curves. The third summand is orthogonal to every curve.
+So the best fit of the whole field is the sum of the curves and of the first two summands. Only a
+control with products of two tables, or with a lattice, can correct the third summand.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,8 +38,8 @@ _TURNS = "ABC"
 _FINE = 401
 """Number of points over which a mean along an axis is taken."""
 _BENT = 4
-"""Number of straight sections between two nodes for an angle times the travel of its own axis, a
-product that is not straight.
+"""Number of straight sections between two nodes for the product of an angle and the travel of its
+own axis, because this product is not straight between two nodes.
 """
 _NOTHING_UM = 1e-3
 """Largest movement of a product that is ignored, in um."""
@@ -110,8 +110,8 @@ def fitted(
     """Return the curves with the names ``names``, and the products, that best fit the field of the
     result over ``zone`` (without a zone, over the volume).
 
-    ``active`` contains product tables that were active during the measurement: without them the
-    error would have been larger. Raises the ``DataError`` and ``UsageError`` of `curves_of`, and
+    ``active`` contains product tables that were active during the measurement. The field without
+    these tables is fitted. Raises the ``DataError`` and ``UsageError`` of `curves_of`, and
     ``UsageError`` for a zone outside the measured volume.
     """
     ends = _ends(result.volume, zone or {})

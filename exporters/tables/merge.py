@@ -64,9 +64,9 @@ def _without(
     """Return the error of the machine without its tables, on a grid.
 
     The residual is known at the measured positions. If the table acts in steps, the residual
-    contains these steps. So the steps are subtracted at the measured positions, straight lines join
-    the results, and the old table, with its points joined by straight lines, is subtracted on the
-    whole grid.
+    contains these steps. So the steps are subtracted at the measured positions, and straight lines
+    join the results. Then the old table without steps, its points joined by straight lines, is
+    subtracted on the whole grid.
     """
     measured = curve.position_mm
     smooth = curve.toward(direction) - steps_um(active, measured, direction)

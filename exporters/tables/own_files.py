@@ -18,8 +18,8 @@ def lacking(
     profile: Profile,
     place: Callable[[Table], Hashable],
 ) -> tuple[Table, ...]:
-    """Return those of ``tables`` whose ``place`` is in none of the machine's own files, with all
-    values zero.
+    """Return a table of zeros for each of the ``tables`` whose ``place`` the machine's own files do
+    not contain.
     """
     held = (
         {place(table) for table in controller.parse(profile.existing, profile)}

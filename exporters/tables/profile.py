@@ -32,9 +32,10 @@ more.
 MOST_SECTIONS = 20_000
 """Largest number of steps along one axis (20 m in steps of 1 mm), more than any control has."""
 WARN_UM_M = 400.0
-"""Largest plausible errors that grow with the travel, on a poor machine (k = 3): squareness 100
-urad or scale 50 um/m, growth 60 um/m, and a hall 5 C from 20 C (`CLASSES`). A correction above this
-limit must be accepted by a person; a correction above twice the limit is refused.
+"""Largest plausible error in um per metre of travel, on a poor machine (k = 3). It consists of a
+squareness of 100 urad or a scale of 50 um/m, a growth of 60 um/m, and a hall that differs by 5 C
+from 20 C (`CLASSES`). A correction above this limit must be accepted by a person; a correction
+above twice the limit is refused.
 """
 CHANGE_UM_M = 80.0
 """Largest change of a table between two surveys without acceptance by a person, in um/m: growth of

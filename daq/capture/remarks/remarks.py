@@ -1,4 +1,4 @@
-"""Findings about machine and streams: heartbeat, alarms, rejected conditions, troubles of a line.
+"""Findings about machine and streams: heartbeat, alarms, rejected conditions, faults of a stream.
 
 An alarm or a condition is assigned to its stop.
 """
@@ -34,8 +34,8 @@ class Pulse:
     def __init__(self) -> None:
         self.still = False
         self.beat_ns = 0
-        """The request time of the last poll with a changed heartbeat; the values of later polls may
-        be from this time.
+        """The request time of the last poll with a changed heartbeat. The values of later polls may
+        be as old as this time.
         """
         self._value: int | None = None
         self._heard_ns = 0
@@ -73,8 +73,8 @@ class Alarm:
     def look(
         self, walk: Walk, signals: Signals, now_ns: int, *, waiting: bool
     ) -> Iterator[Finding]:
-        """Process a poll; yield the finding of a new alarm. ``waiting``: a standstill is over, but
-        not captured as a stop yet.
+        """Process a poll; yield the finding of a new alarm. ``waiting`` is true if a standstill is
+        over and not captured yet.
         """
         before, self._on = self._on, bool(signals.alarm)
         if self._on and not before:
@@ -85,7 +85,9 @@ class Alarm:
             yield walk.finding("warning", min(walk.expected + waiting, last), words)
 
     def doubts(self, stop: CapturedStop) -> list[Message]:
-        """Return the doubt of a stop if an alarm came before its end and concerns no other stop."""
+        """Return the doubts of a stop from the alarms before the end of its window, each alarm
+        once.
+        """
         doubts = [remark for time_ns, remark in self._doubts if time_ns <= stop.window_to_ns]
         self._doubts = [each for each in self._doubts if each[0] > stop.window_to_ns]
         return doubts

@@ -21,8 +21,8 @@ OF_THE_STOPS = {
     "heartbeat": message("without-heartbeat"),
     "alarm": message("without-alarm"),
 }
-"""Signals whose absence every survey reports. Position and setup have findings of their own, and
-conditions stand in the result.
+"""Signals whose absence every survey reports. Other findings report a missing position or setup,
+and the result lists missing conditions.
 """
 WITHOUT = {
     **OF_THE_STOPS,
@@ -30,8 +30,8 @@ WITHOUT = {
     "x_mm": message("without-position"),
     **{name: message("without-condition", name=words) for name, words in CONDITIONS.items()},
 }
-"""By signal: the check that is missing, or uses another source, without this signal (contract
-2).
+"""The check that is missing, or uses another source, if the machine does not send a signal; by
+signal (contract 2).
 """
 
 
@@ -86,9 +86,7 @@ def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...
 
 
 def _without_signals(survey: Survey) -> Iterator[Message]:
-    """Yield messages of the faults that stay unseen if only the laser places and names the
-    stops.
-    """
+    """Yield messages of the faults that no check finds if only the laser identifies the stops."""
     yield message("unseen-all")
     yield message("unseen-person")
     yield message("unseen-elsewhere")

@@ -2,8 +2,8 @@
 the side from which the machine approached.
 
 A machine that reverses at a stop arrives there once. The reading at this stop belongs to both
-passes, with the backlash of the outward pass. On the return pass an axis keeps the side of the
-outward pass until it moves.
+passes and contains the backlash of the outward pass. On the return pass the backlash of an axis
+does not change before the first move of this axis.
 """
 
 import math
@@ -46,9 +46,9 @@ slow move.
 class Taken:
     """A window of readings: its statistics, its bounds, and the reasons to doubt it.
 
-    ``step`` is the size of a step in the window, in um and in standard deviations of the noise
-    that the window shows itself; ``trend_sigmas`` is the part of the trend that is too steep, in
-    these standard deviations.
+    ``step`` is the size of a step in the window, in um and in standard deviations of the window's
+    own noise. ``trend_sigmas`` is the part of the trend above the allowed trend, in standard
+    deviations of the window's own noise.
     """
 
     window: Window
@@ -62,8 +62,9 @@ class Taken:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of a dwell whose readings share a zero: all were measured in this part, and received
-    before the loss of the count at its end.
+    """A part of a dwell without a loss of the count, so that its readings have a common zero. All
+    readings were measured in this part, and received before the loss of the count at the end of
+    this part.
     """
 
     from_ns: float
@@ -79,8 +80,8 @@ def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
     """Return the parts of a dwell between certain or possible losses of the count; at least one
     part. Each part ends with its last sample.
 
-    The time of a loss is the arrival of the first chunk after the loss. Samples of this chunk with
-    earlier times may be from after the loss, so they belong to no part.
+    The time of a loss is the arrival of the first chunk after the loss. The samples of the first
+    chunk after a loss may have earlier times, and belong to no part.
     """
     latest_ns = dwell.to_ns + ARRIVAL_SLACK_NS
     cuts = sorted(
@@ -105,10 +106,9 @@ def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
 def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Taken]:
     """Return the windows over the certain parts of a dwell.
 
-    Usually there is a single part. A loss of the count within the dwell can leave a part before and
-    a part after the loss: the machine stood throughout, so the difference of both parts is the
-    error of the count. A window from before a loss is used only if it has no doubt, or if there is
-    no other window.
+    A loss of the count within the dwell can leave a part before and a part after the loss. The
+    machine did not move in between, so the difference of both parts is the error of the count. A
+    window from before a loss is used only if it has no doubt, or if there is no other window.
     """
     *before, last = unbroken_parts(stream, dwell)
     earlier = [
@@ -124,8 +124,8 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
     usable sample.
 
     The first ``settle_s`` are left out. If the readings are not steady yet, later and shorter
-    windows are tried, down to the shortest allowed length. A step after ``settle_s``, or a frozen
-    value, makes the stop doubtful, whichever window is used.
+    windows are tried, down to the shortest allowed length. A step in the readings after
+    ``settle_s``, or a frozen value, makes the stop doubtful, whichever window is used.
     """
     start = part.from_ns + rules.settle_s * 1e9
     span = part.span(stream, start)
@@ -144,11 +144,11 @@ def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | Non
 def _steadiest(
     stream: Placing, part: Part, span: Span, whole: Taken, rules: StopRules
 ) -> Taken:
-    """Return the longest steady window without strays at the end of a part of a dwell; the whole
-    part if no such window is long enough.
+    """Return the longest steady window without outliers (`strays`) at the end of a part of a dwell;
+    the whole part if no such window is long enough.
 
-    A shorter window has more noise, which hides a trend: it is steady if the larger part of the
-    trend is gone.
+    A shorter window has more noise, which hides a trend. So a shorter window is steady only if it
+    shows less than half of the trend of the whole part.
     """
     length = part.to_ns - whole.from_ns
     for left_out in (0.0, 0.25, 0.5, 0.75):
@@ -180,7 +180,9 @@ def _beyond_um_s(window: Window, rules: StopRules) -> float:
 
 
 def _goes_on(window: Window, whole: Window, rules: StopRules) -> bool:
-    """Return whether a shorter window has the larger part of a trend that is too steep."""
+    """Return whether the trend of the whole part is too steep and a shorter window still shows more
+    than half of this trend.
+    """
     larger_um_s = max(rules.max_slope_um_s, MAJORITY * abs(whole.slope_um_s))
     along_um_s = math.copysign(1.0, whole.slope_um_s) * window.slope_um_s
     return _too_steep(whole, rules) and along_um_s > larger_um_s
@@ -249,9 +251,9 @@ def _unsteady(window: Window, rules: StopRules) -> list[Message]:
 
 @dataclass(slots=True)
 class PassNoise:
-    """The slow noise of a pass, from the trends of its undoubted windows so far, in um/s. Turbulent
-    air gives another trend at every stop; a machine that creeps gives the same trend. Before the
-    pass shows its noise, each window has the noise that it shows itself.
+    """The slow noise of a pass in um/s, from the trends of its windows without a doubt until now.
+    Turbulent air gives another trend at every stop; a machine that creeps gives the same trend.
+    Each window is judged by its own noise until the pass has enough windows.
     """
 
     slopes_um_s: list[float] = field(default_factory=list)
@@ -289,9 +291,9 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
     """Return whether the machine approached a stop from the beginning of its step, not from beyond
     the stop.
 
-    Approaches of a place from both sides differ by the reversal value. Position registers give only
-    the place; without a stop counter, a stop of the return pass looks like a stop of the outward
-    pass. The laser's samples show the approach.
+    Approaches of a place from both sides differ by the reversal value. Position registers do not
+    show the direction of the approach. Without a stop counter, only the laser's samples distinguish
+    a stop of the return pass from a stop of the outward pass.
 
     The standstill begins at ``begin_ns`` with the reading ``taken``; ``step_mm`` is the expected
     reading of the step. None if the approach was not observed: the step is too short, there are no
@@ -316,8 +318,8 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
 
 
 def watched_closely(laser: StreamBuffer, last: CapturedStop, until_ns: float) -> bool:
-    """Return whether the laser has observed every move since the last stop of a pass was captured,
-    within this log: `LEAST_SAMPLES` samples in the shortest overrun.
+    """Return whether the laser has observed every move in this log since the last stop of a pass
+    was captured: the samples are dense enough for `LEAST_SAMPLES` samples in the shortest overrun.
     """
     times_ns = laser.span(last.window_to_ns, until_ns).time_ns
     return bool(np.all(np.diff(times_ns) <= MOMENT_NS / LEAST_SAMPLES))

@@ -1,19 +1,19 @@
 """From polls to dwells: the machine's standstills by its signals only.
 
 When a poll that reports a standing machine is answered, the machine may already be moving again;
-and it may have stood since just after the previous poll. Only the time from the answer to the first
-standing poll to the request of the last standing poll is certain.
+and it may have stood since just after the previous poll. The machine stood for certain only between
+two times: the answer of the first poll that reports a standing machine, and the request of the last
+such poll.
 
 - A moving machine closes the open dwell.
-- A machine at the same stop extends the open dwell. If no dwell is open, it opens the first dwell,
-  or another dwell after the stop signal fell and rose without a new count.
+- A machine at the same stop extends the open dwell. Without an open dwell, the poll opens a dwell.
 - A machine at a new stop closes the open dwell and opens another.
 
 A poll without an answer changes nothing: the next answer decides.
 
-Registers may lag behind the stop signal by some polls, and show the previous stop or a place on the
-way; a stop signal may flicker. Both effects cut one standstill into several dwells. The laser
-decides whether the machine moved in between (`Standstills`).
+Registers may lag behind the stop signal by some polls and then show the previous stop or a position
+on the way. A stop signal may flicker. A lag and a flicker both cut one standstill into several
+dwells. The laser shows whether the machine moved between two dwells (`Standstills`).
 """
 
 from collections import Counter
@@ -97,11 +97,11 @@ class DwellTracker:
 
     def _with(self, dwell: Dwell, signals: Signals, to_ns: int) -> Dwell:
         """Return the open dwell extended by a poll, with the position that was read for the longest
-        time: the register may still be settling.
+        time, because the register may still be settling.
 
-        The longest time decides, not the number of polls: a delayed poller polls rarely, and may
-        have polled often while the register was settling. If the register flickers, as actual
-        positions do, the median in time is used.
+        The number of polls is not used, because a delayed poller may have polled often only while
+        the register was settling. If the register flickers, as actual positions do, the median in
+        time is used.
         """
         if len(self._held_ns) < MOST_PLACES or signals.commanded_mm in self._held_ns:
             self._held_ns[signals.commanded_mm] += to_ns - dwell.to_ns
@@ -117,8 +117,8 @@ class DwellTracker:
         )
 
     def _place(self, before: Place) -> Place:
-        """Return the position that was read for the longest time (of equal times the first); the
-        median if no position was read for half of the time.
+        """Return the position that was read for the longest time, or the median if no position was
+        read for half of the time. Of two positions with equal times the earlier is returned.
         """
         longest = max(
             self._held_ns, key=lambda place: (self._held_ns[place], place == before)
@@ -184,8 +184,8 @@ def count_steps(before: int, after: int) -> int:
 
 @dataclass(slots=True)
 class _Waiting:
-    """A standstill: its dwell, the end of its last part, and the length of the part that gave its
-    signals.
+    """A standstill: its dwell, the end of its last part, and the length of the part whose signals
+    the dwell has.
     """
 
     dwell: Dwell
@@ -273,9 +273,9 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     """Return whether two dwells are a single standstill: at most a short move was observed in
     between, and the laser stood still.
 
-    In a time without polls that is longer than a step, a move could be missed: the laser must then
-    have stood still all the time. If the count was lost in a move, the same reading proves nothing.
-    None if there are too few samples.
+    The polls can miss a move if the time between two polls is longer than a step; the laser's
+    samples must then be constant for the whole time. After a loss of the count in a move, an equal
+    reading is no evidence of a standstill. None if there are too few samples.
     """
     unbroken = after.not_before_ns is None or after.not_before_ns <= before.dwell.from_ns
     soon = after.from_ns - before.end_ns < FLICKER_NS
@@ -289,7 +289,8 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
         and count == before.dwell.signals.stop_count
         and after.from_ns - before.dwell.from_ns < FLICKER_NS
     ):
-        # the position lags behind counter and stop signal: the time is too short for a move
+        # The position register lags behind counter and stop signal.
+        # The time between both dwells is too short for a move.
         return True
     if not unbroken and (
         not flicker
@@ -303,14 +304,14 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
         max(before.dwell.from_ns, before.end_ns - EDGE_NS), after.from_ns
     ).position_mm
     strays = np.abs(earlier - np.median(then)) > STILL_MM
-    # without an observed move between the dwells, the very first samples may be from a move
+    # If no move was observed between the dwells, the first samples may be from an earlier move.
     wrong = MAJORITY if unbroken and soon else LEAVING_SHARE
     return not strays.any() or bool(strays.mean() < wrong)
 
 
 def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
-    """Return the last samples at the beginning of a dwell, in mm: of the samples up to its first
-    poll, or of the few that follow a dwell seen by a single poll.
+    """Return the last samples at the beginning of a dwell, in mm. A dwell with a single poll has
+    few samples; its beginning then includes samples after the poll.
     """
     span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + LAG_NS))
     shown, begun = np.searchsorted(
@@ -324,8 +325,8 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
 
 
 def _single_dwell(before: _Waiting, after: Dwell) -> _Waiting:
-    """Return a single dwell for two dwells: the joined time of both if no move was observed in
-    between, else the longer dwell; the signals are those of the longer dwell.
+    """Return a single dwell for two dwells, with the signals of the longer dwell. The single dwell
+    covers both dwells if no move was observed between them, otherwise only the longer dwell.
     """
     lasts_ns = after.to_ns - after.from_ns
     if after.not_before_ns is not None and after.not_before_ns > before.dwell.from_ns:

@@ -148,8 +148,9 @@ def _trend(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[fl
 
 
 def sigmas_of_trend(position_mm: NDArray[np.float64], window: Window, um_s: float) -> float:
-    """Return a part of a window's trend, in standard deviations (`sigmas`) of the noise that the
-    window shows: the trend's uncertainty and the wander beside the trend.
+    """Return the part ``um_s`` of a window's trend in standard deviations (`sigmas`) of the
+    window's own noise. The noise consists of the trend's uncertainty and of slow changes of the
+    readings after subtraction of the trend.
     """
     blocks = _blocks(position_mm * 1e3)
     trend_um = window.slope_um_s * window.duration_s * np.linspace(0.0, 1.0, len(blocks))
@@ -158,8 +159,9 @@ def sigmas_of_trend(position_mm: NDArray[np.float64], window: Window, um_s: floa
 
 
 def _blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the middle values of the at most `STEP_BLOCKS` blocks of a window. Of an even number
-    of values this is one of both: a block at a step is on one of its levels.
+    """Return the middle values of the at most `STEP_BLOCKS` blocks of a window. In a block with an
+    even number of values the upper middle value is used: the mean of the two middle values would
+    lie between the levels of a step.
     """
     size = -(-len(values) // STEP_BLOCKS)
     count = len(values) // size
@@ -171,10 +173,10 @@ def _blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _wander_um(rest: NDArray[np.float64]) -> float:
-    """Return the root mean square of the change between neighbouring parts of a window, each the
-    median of `LEAST_SAMPLES` blocks; 0 where there are too few blocks.
+    """Return the root mean square of the change between neighbouring parts of a window; 0 if there
+    are too few blocks. A part is the median of `LEAST_SAMPLES` blocks.
 
-    Slow noise hides from the scatter beside a line or two levels, and shows here.
+    This change contains the slow noise, which the scatter of single values does not show.
     """
     if len(rest) < 2 * LEAST_SAMPLES:
         return 0.0
@@ -184,11 +186,12 @@ def _wander_um(rest: NDArray[np.float64]) -> float:
 
 
 def sigmas(size: float, noise: float, count: int) -> float:
-    """Return a size in standard deviations of a noise that ``count`` values show: the root of twice
-    the logarithm of the likelihood ratio of a size beside none.
+    """Return ``size`` in standard deviations of a noise that is estimated from ``count`` values:
+    the root of twice the logarithm of the likelihood ratio of the hypotheses with and without this
+    size.
 
-    Few values show their noise badly: of eight values, eleven times their noise are five standard
-    deviations.
+    The noise of few values is uncertain: with eight values, eleven times the estimated noise is
+    five standard deviations.
     """
     if count < LEAST_SAMPLES:
         return 0.0
@@ -258,10 +261,12 @@ def find_plateaus(
 
 
 LEAST_STEP_UM = 0.5
-"""Smaller steps are not reported: they are within the repeatability of an ordinary machine."""
+"""Smallest step in um that is reported: smaller steps are within the repeatability of an ordinary
+machine.
+"""
 WRONG_SHARE = 0.01
-"""Share of wrong lines in a window that, with more than `LEAST_SAMPLES` wrong lines, is no
-accident.
+"""Largest share of wrong lines in a window that may be accidental, in addition to `LEAST_SAMPLES`
+wrong lines.
 """
 RESTLESS_UM = 0.02
 """Resolution in um of an instrument that records the movements of air and floor: in a machine hall
@@ -293,8 +298,8 @@ def against_itself(
 
 
 def strays(position_mm: NDArray[np.float64], window: Window) -> int:
-    """Return the number of outliers of a window; 0 if they may be accidents, or samples in which
-    the machine leaves.
+    """Return the number of outliers of a window; 0 if the outliers may be accidental, or if the
+    machine leaves the stop in these samples.
     """
     wrong, accidents = window.rejected, LEAST_SAMPLES + WRONG_SHARE * len(position_mm)
     wrong -= _leaving(position_mm) if wrong > accidents else 0
@@ -302,8 +307,8 @@ def strays(position_mm: NDArray[np.float64], window: Window) -> int:
 
 
 def on_the_way(position_mm: NDArray[np.float64]) -> bool:
-    """Return whether the outliers of a window are on the way to its level. A slip of the count
-    leaves them on a level of their own.
+    """Return whether the outliers of a window lie on a move to the window's level. After a slip of
+    the count, the outliers have a common level instead.
     """
     away_um = (position_mm - np.median(position_mm)) * 1e3
     away_um = away_um[~inliers(away_um)]
@@ -311,10 +316,9 @@ def on_the_way(position_mm: NDArray[np.float64]) -> bool:
 
 
 def _leaving(position_mm: NDArray[np.float64]) -> int:
-    """Return the number of samples at the end of a window in which the machine leaves the stop, and
-    may stand elsewhere.
+    """Return the number of samples at the end of a window that show the machine leaving the stop.
 
-    A moving machine passes the positions in between; a slip of the count jumps.
+    A moving machine passes all positions between its stops; a slip of the count is a jump.
     """
     away_um = (position_mm - np.median(position_mm)) * 1e3
     staying = np.flatnonzero(inliers(away_um) | (np.sign(away_um) != np.sign(away_um[-1])))
@@ -332,10 +336,10 @@ def find_step(position_mm: NDArray[np.float64]) -> tuple[float, float]:
     """Return the size of the step between two levels in a window, in um and in standard deviations
     (`sigmas`); 0 without a step.
 
-    A step is sharp: its larger part happens between neighbouring blocks, and two levels leave less
-    than half of the square sum that a straight line leaves. A slower change is a drift. The noise
-    of a step has two parts that the window shows itself: the scatter beside the levels, and the
-    wander.
+    A step is sharp: more than half of the change happens between neighbouring blocks. Two levels
+    must fit the window better than a straight line, with less than half of the sum of squared
+    residuals. Any other change is a drift. The noise of a step has two parts, both from this
+    window: the scatter around the two levels, and the slow noise.
     """
     blocks = _blocks(position_mm * 1e3)
     count = len(blocks)

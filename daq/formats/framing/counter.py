@@ -94,8 +94,8 @@ class CounterTrack:
     def follow(self, raw: NDArray[np.int64], *, restarted: bool = False) -> Unwrapped:
         """Return the unwrapped counter of the rows ``raw``, shape (rows,), at least one row.
 
-        ``restarted`` means that the instrument sent its greeting before the first row: the counter
-        began again, unless the first row continues the count.
+        ``restarted`` means that the instrument sent its greeting before the first row. The counter
+        then began again, unless the first row continues the count.
         """
         if self._count is None:
             self._count = int(raw[0]) - 1

@@ -21,8 +21,8 @@ JUNK_CAP = 4096
 
 @dataclass(frozen=True, slots=True)
 class Junk:
-    """Bytes outside every frame: their number ``count``, and the first of these bytes. They are
-    reported once until the next frame.
+    """Bytes outside every frame: their number ``count``, and the first of these bytes. The bytes
+    between two frames are reported once.
     """
 
     count: int

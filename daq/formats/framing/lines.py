@@ -14,9 +14,10 @@ _QUOTED_BYTES = 40
 class LineBuffer:
     """Stores the incomplete line at the end of a stream.
 
-    ``cap`` is the longest line in bytes without its terminator. A line that exceeds ``cap`` is
-    returned at once, cut off but longer than ``cap``, so that the decoder refuses the line; the
-    rest of the line is discarded. So memory is limited even at a wrong baud rate.
+    ``cap`` is the longest line in bytes without its terminator. The beginning of a line that
+    exceeds ``cap`` is returned at once, and the rest of the line is discarded, so that memory is
+    limited even at a wrong baud rate. The returned beginning is longer than ``cap``, so the decoder
+    refuses it.
     """
 
     def __init__(self, cap: int, terminator: bytes = b"\n") -> None:

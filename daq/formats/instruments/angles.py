@@ -9,8 +9,8 @@ digit of the status is 1 if x is valid, 2 if y is valid, 3 if both are valid; th
 longer. Numbers have the form that C's strtod reads.
 
 Wyler: the request is `P`; the second field of the answer is the angle, the fourth field is another
-quantity. The only source is CERN's use of the Zerotronic, so the survey file may contain another
-pattern and unit.
+quantity. The only source of this format is CERN's use of the Zerotronic, so the survey file may
+contain another pattern and unit.
 """
 
 import math

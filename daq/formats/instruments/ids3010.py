@@ -69,8 +69,8 @@ _MM = 1e-9
 _UNKNOWN_METHOD = -32601
 """Error code of an unknown method (JSON-RPC 2.0, section 5.1)."""
 _INVALID_AXES, _OVERDRIVEN = range(1, 8), 8
-"""Numbers of the instrument's warnings: in 1 to 7 a set bit marks an axis that is not valid; 8
-means saturation.
+"""Numbers of the instrument's warnings. In a number from 1 to 7, each set bit marks an axis without
+a valid reading. The number 8 means saturation.
 """
 
 

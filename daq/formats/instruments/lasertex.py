@@ -102,9 +102,9 @@ class LasertexDecoder:
         self._frames.clear()
 
     def responder(self) -> Callable[[bytes], bytes]:
-        """Return a function that computes the answer to received bytes. The laser keeps the flags
-        of a lost beam until a command clears the flags; the answer contains this command after the
-        flags are received.
+        """Return a function that computes the answer to received bytes. The laser stores the flags
+        of a lost beam until a command clears the flags. If the received bytes contain such a flag,
+        the answer contains this command.
         """
         frames = FrameBuffer(_SYNC, _SIZE, _is_whole)
 

@@ -196,9 +196,9 @@ class ModbusLink:
         )
 
     async def _exchange(self, request: Callable[[], Awaitable[ModbusPDU]]) -> ModbusPDU:
-        """Send a request and await its answer. After a cancelled request, the next answer may
-        belong to this request, so the link counts as unsynchronised until the caller has checked
-        the answer.
+        """Send a request and await its answer. The link counts as unsynchronised until the caller
+        has checked the answer, because the next answer after a cancelled request may belong to this
+        request.
         """
         self._in_step = isinstance(self._settings, TcpSettings)
         try:

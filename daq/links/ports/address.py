@@ -74,7 +74,7 @@ def require_host_and_port(option: str, text: str, usual_port: int) -> tuple[str,
 def can_be_host(name: str) -> bool:
     """Return whether a host name can be looked up: every part between two dots has 1 to 63 letters.
 
-    For any other name Python raises an error that is no network error.
+    A look-up of an invalid name raises an error of Python that is no network error.
     """
     try:
         name.encode("idna")

@@ -24,7 +24,7 @@ class SerialSettings:
 
 
 LossKind = Literal["lost-port", "lost-system", "lost-framing", "lost-parity", "lost-break"]
-"""Kind of a loss of bytes, as the code of its message."""
+"""Kind of a loss of bytes; each kind is the key of a message."""
 
 
 class Device(Protocol):

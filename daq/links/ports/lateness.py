@@ -15,9 +15,9 @@ class Lateness:
     """Watches sent and received bytes. ``after_s`` is the time in s from a request to its answer,
     for the latest late answer; 0 without a late answer.
 
-    Answers over TCP carry the number of their request (``numbered``). On a serial line, bytes that
-    arrive outside a wait belong to the previous request; an answer to an earlier request that
-    arrives during a later wait is recognised by its length (`ModbusLink`).
+    Answers over TCP carry the number of their request (``numbered``). On a serial line an answer
+    has no number. Bytes that arrive after the time-out belong to the previous request. An answer
+    that arrives during the wait for a later answer is recognised by its length (`ModbusLink`).
     """
 
     def __init__(

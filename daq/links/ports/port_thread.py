@@ -29,9 +29,7 @@ _T = TypeVar("_T")
 
 
 class Losses:
-    """The losses of a line since the last report. The counts of the line grow from its
-    opening on.
-    """
+    """The losses of a line since the last report. The line counts its losses since its opening."""
 
     def __init__(self) -> None:
         self._reported: dict[LossKind, int] = {}

@@ -32,7 +32,7 @@ State = Literal["data", "iac", "option", "command", "command-iac"]
 
 class ComPort:
     """The Telnet part of a connection: finds the data of the line in the received bytes, and makes
-    the answers. The division of the bytes does not change the result.
+    the answers. The received bytes may be divided in any way.
     """
 
     def __init__(self, settings: SerialSettings) -> None:

@@ -1,8 +1,8 @@
 """Controls by name: the ``[plc]`` section of a survey for each kind of control, for ``stepdiag
 setup``.
 
-Each control has a file with its section, the source of its addresses, and the addresses that were
-recalled without a source.
+Each control has a file with its section, the source of its addresses, and the addresses from
+memory, without a source.
 """
 
 from importlib.resources import files

@@ -62,8 +62,8 @@ class TableCase:
         asked = centred(held - before)
         moved = centred(self.sum_um(self.together, at - shift_mm) - before - turn_um_mm * at)
         size, unheld = rms(centred(error)), rms(centred(held - before + error))
-        # The uncertainty of the survey excuses little: the table is compared with this
-        # result, not with the machine.
+        # The table is compared with this result, not with the machine.
+        # So the uncertainty of the survey allows only a small difference.
         sure = max(
             SURE_UM, self.table.quantum_um, min(2.0 * typical_u(curve), _EXCUSED * size)
         )
@@ -108,9 +108,9 @@ class TableCase:
         """Return the movement by tables at positions, in um: the mean of both directions, with
         straight lines in place of steps.
 
-        If the judged table is a curve, a product counts with its mean over the other axis. If the
-        judged table is a product, its growth from the middle of the volume to the end of the lever
-        counts.
+        If the judged table is a curve, the movement by a product is its mean over the other axis.
+        If the judged table is a product, the movement is the increase from the middle of the volume
+        to the end of the lever.
         """
         return sum(
             (

@@ -45,8 +45,8 @@ def judge(
         or _compared(case, wanted, turns.get(case.table.name, 0.0))
         for case in map(case_of, tables)
     ]
-    # Zeros for functions that were not requested are normal. Zeros alone remove every
-    # correction, as restore files do.
+    # Tables of zeros are normal for functions that were not requested.
+    # A set with only tables of zeros removes every correction, as restore files do.
     asked = profile.machine.functions if any(table.value_um.any() for table in tables) else ()
     return tuple(
         replace(each, code="empty")
@@ -136,9 +136,9 @@ def _turns(wanted: Wanted, cases: Sequence[TableCase]) -> dict[str, float]:
     """Return, for each pair of axes with tables for both straightness functions, the slopes in
     um/mm that together only rotate the workpiece.
 
-    This rotation changes from calibration to calibration, with old tables, levers, and the function
-    that contains a squareness. The rotation raises the slope of one function by as much as it
-    lowers the slope of the other function.
+    This rotation is arbitrary: it depends on the calibration, the old tables, the levers, and the
+    choice of the function that contains a squareness. The rotation raises the slope of one function
+    by as much as it lowers the slope of the other function.
     """
     left = {
         case.table.name: case.slope_left_um_mm(curves[0])
@@ -181,7 +181,7 @@ def judge_missing(
     """Yield a judgement for each function that the result and the profile request, that this
     control can correct, and that is missing in ``new``.
 
-    Files without any correction lack no function, because they remove old tables. Without a
+    Files without any correction give no judgement, because they only remove old tables. Without a
     profile, the files may contain each squareness in either of its two functions. The assignment
     with the fewest missing functions is used.
     """

@@ -1,8 +1,8 @@
-"""Verdicts on a lattice, function by function: its correction is separated into curves (means over
-the other two axes) and products (parts proportional to a lever).
+"""Verdicts on a lattice, function by function. The correction of the lattice is separated into
+curves (means over the other two axes) and products (parts proportional to a lever).
 
-These curves and products are the best tables for the lattice (`tables.fit`), so the verdicts on
-tables apply.
+The curves and products are the best tables for the lattice (`tables.fit`), so they are judged like
+tables.
 """
 
 from collections.abc import Callable, Iterator
@@ -63,8 +63,8 @@ def lost_in_field(result: Result, moved_um: Moved) -> Iterator[Finding]:
     """Yield the losses if a correction of the whole field replaces the old correction ``moved_um``,
     which was off during the measurement.
 
-    A loss is an error if the result lacks a function of the old correction, a warning if it lacks
-    only the slope.
+    The loss is an error if the result does not identify a function of the old correction. The loss
+    is a warning if the result identifies the function without its slope.
     """
     volume = result.volume
     for name in FUNCTIONS:
@@ -96,7 +96,8 @@ def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
         name, at = f"E{output}{'XYZ'[moving]}", volume.nodes_mm(moving)
         grown = growing_um(moved_um, volume, f"{name}*{'XYZ'[by]}")
         if moving > by:
-            # a bilinear movement grows along both axes: it is a product only once
+            # A bilinear movement is proportional to both axes and would give two products.
+            # The second product is left out.
             even = np.linspace(-1.0, 1.0, len(at))
             grown = grown - even * float(np.mean(even * grown)) / rms(even) ** 2
         if rms(grown) > SURE_UM / 2:

@@ -6,10 +6,11 @@ function by function:
     moved = factor * asked + rest
 
 A right table has the factor 1, a table with a turned sign the factor -1. If two tables are swapped,
-the factor for another function is 1. If the table is shifted, the factor at another place is 1. Any
-other factor with a small rest means a table of the wrong size. A large rest means a table of
-another function or machine. A movement of zero means a missing table. The rest is orthogonal to the
-request, so the share of the error that stays with the table is hypot(1 - factor, rest / asked).
+the factor for another function is 1. If the table is shifted along its axis, the factor at the
+shifted positions is 1. Any other factor with a small rest means a table of the wrong size. A large
+rest means a table of another function or machine. A movement of zero means a missing table. The
+rest is orthogonal to the request, so the share of the error that stays with the table is hypot(1 -
+factor, rest / asked).
 
 Sizes are rms over points of equal weight, without their mean, because an origin is no error. Three
 sizes excuse a difference. ``sure_um`` is the effect of rounding and of the uncertainty of the
@@ -36,16 +37,18 @@ SIZED = 0.15
 in every export.
 """
 SHAPED = math.sqrt(1.0 - 0.9**2)
-"""Largest share of a movement with another shape than the request, for a right table in another
-size: a correlation of 0.9, about the residue `SAME` of a table of the right size.
+"""Largest share of a movement that may have another shape than the request, for the verdict that
+only the size of the table is wrong. The share belongs to a correlation of 0.9 between movement and
+request; it is about `SAME`.
 """
 OTHER, EXACT = 0.35, 0.1
-"""Largest residue at which the verdict names another function; and the residue of a clear case of
-another function or place, which has priority over another size.
+"""Limits of the share of the error that remains with another function or place. Up to `OTHER`, the
+verdict names the other function or place. Up to `EXACT`, another function has priority over another
+size.
 """
 SPIKE = 3.0
-"""Largest excused difference of a table at a single place, relative to the excused rms: about the
-largest value of a normal scatter.
+"""Largest allowed difference of a table at a single position, as a multiple of the allowed rms
+difference: about the largest value of a normal scatter.
 """
 SURE_UM = 0.2
 """Movements below this value cannot be separated from rounding and noise."""
@@ -72,8 +75,8 @@ class Fit:
         return float(np.hypot(self.factor * self.asked_um, self.rest_um))
 
     def left(self, factor: float = 1.0) -> float:
-        """Return the share of the error that would remain if the request times ``factor`` were
-        exact.
+        """Return the share of the error that would remain if the right movement were the request
+        times ``factor``.
         """
         left_um = float(np.hypot((self.factor - factor) * self.asked_um, self.rest_um))
         return float(np.maximum(0.0, left_um - self.unheld_um)) / max(
@@ -82,7 +85,9 @@ class Fit:
 
     @property
     def left_scaled(self) -> float:
-        """Return the share of the movement that no size explains."""
+        """Return the share of the movement with another shape than the request, which no size of
+        the table explains.
+        """
         return self.rest_um / self.moved_um if self.moved_um > 0.0 else 1.0
 
     @property
@@ -127,7 +132,8 @@ def regress(moved_um: Vector, asked_um: Vector) -> Fit:
 class Explained(NamedTuple):
     """Explanation of a movement: the verdict, its regression, and the other function or place.
 
-    A table that is "unlike" at one place has a regression; a table of another machine has none.
+    The code "unlike" has a regression for a table that is wrong at one position, and no regression
+    for a table of another machine.
     """
 
     code: Code
@@ -145,8 +151,8 @@ def explain(
     """Return the explanation of a movement. ``own`` contains the regressions on its own function,
     one per possible form of the request.
 
-    ``turned`` contains the same regressions for a rotated workpiece, which can only show that a
-    table is right. ``others`` contains regressions on the other functions, ``shifted`` regressions
+    ``turned`` contains the same regressions for a rotated workpiece, which is used only for the
+    verdict "right". ``others`` contains regressions on the other functions, ``shifted`` regressions
     at other places; both are computed only on demand.
     """
     every = (*own, *turned)
@@ -202,9 +208,9 @@ class Measured:
     def factor_of(
         self, table_um: Vector, beside_um: Vector, others_um: Sequence[Vector] = ()
     ) -> tuple[float, float]:
-        """Return the factor of a table with its u, after ``beside_um`` is subtracted from the
-        readings, while ``others_um`` may have any size. u is infinite if the other tables hide the
-        effect of the table.
+        """Return the factor of a table and its standard uncertainty. ``beside_um`` is subtracted
+        from the readings before. The effects ``others_um`` are fitted with any size. The
+        uncertainty is infinite if these effects hide the effect of the table.
         """
         column = self.weigh @ table_um
         if others_um:
@@ -217,15 +223,16 @@ class Measured:
         return float(column @ rest) / size**2, self.sigma_um / size
 
     def misfit(self, predicted_um: Vector) -> float:
-        """Return twice the logarithm by which a prediction of the readings is less likely than a
-        perfect one."""
+        """Return minus twice the logarithm of the likelihood of a prediction, relative to a
+        prediction that equals the readings.
+        """
         rest = self.values - self.weigh @ predicted_um
         return float(rest @ rest) / self.sigma_um**2
 
 
 HIDDEN = 1e-9
-"""Share of the effect of a table that remains by rounding alone if other tables move the laser in
-the same way.
+"""If other tables move the laser in the same way as a table, this share of the table's effect
+remains because of rounding.
 """
 LEAST_SCATTER_UM = 0.1
 """Least scatter of a laser or an axis. The fit of a few readings can show a smaller scatter by
@@ -237,8 +244,9 @@ def measured(
     values_um: Vector, tables_um: Vector, free: Vector, held: Vector, scatter: Vector
 ) -> Measured:
     """Return the regression of readings (N,) on tables (N, T). The columns ``free`` may have any
-    size, and the columns ``held`` (N, H) have a standard deviation of 1 each. The covariance of the
-    readings is ``scatter`` (N, N) except for its size, which the residuals show.
+    size. Each of the columns ``held`` (N, H) has a size with the standard deviation 1. The
+    covariance of the readings is proportional to ``scatter`` (N, N); the factor is estimated from
+    the residuals.
     """
     size_um = 1.0
     # The scatter determines the weight of the held columns, and these columns change the

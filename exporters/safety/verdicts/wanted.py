@@ -50,8 +50,8 @@ class Wanted:
         return [Curve(name=name, position_mm=at, forward_um=grown, u_um=u_um, parts=())]
 
     def as_slope(self, name: str) -> list[Curve]:
-        """Return the curves for a control with a common slope for both functions of a pair of axes:
-        the slope of the other function is added.
+        """Return the curves for a control with a common slope for both functions of a pair of axes.
+        Each curve of ``name`` gets the slope of the second function of the pair in addition.
         """
         plain = [
             curve
@@ -84,10 +84,10 @@ def angle_of(product: str) -> str:
 
 
 def growing_um(field_um: Callable[[Vector], Vector], volume: Volume, name: str) -> Vector:
-    """Return the part of a field that is proportional to the lever of a product such as ``EYX*Z``:
-    the values at the end of the lever, at the nodes of the input axis, without their mean.
+    """Return the part of a field that is proportional to the lever of a product such as ``EYX*Z``.
+    The values are for the end of the lever, at the nodes of the input axis, without their mean.
 
-    The mean of the lever is zero, so the curves of single axes drop out.
+    The mean of the lever is zero, so this part does not contain the curves of single axes.
     """
     output, moving, by = ("XYZ".index(letter) for letter in (name[1], name[2], name[4]))
     nodes = volume.increments + 1

@@ -1,7 +1,7 @@
 """From the numbers of a uMD line to interferometer cycles and flags.
 
 The rules are those of the display's own program (reference: instruments 1.A), which subtracts the
-phase. Another public decoder adds the phase; its author calls the result wrong.
+phase. A second public decoder adds the phase, but its author calls the result wrong.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ PhaseUse = Literal["unknown", "8-bit", "16-bit", "ignored"]
 _PHASE_STEPS = {"8-bit": 256.0, "16-bit": 65536.0}
 _PHASE_ERRORS = 0x7E00
 """Bits of the phase field that report a missing first or second REF edge or a missing MEAS edge,
-and the bits of the corresponding edges of PORTB. A negative phase is valid.
+and the bits of the corresponding edges at the board's port PORTB. A negative phase is valid.
 """
 _SLEW_MARGIN_HZ = 100_000.0
 """Margin of the slew limits in Hz. The target is too fast for the board if MEAS is below 0.1 MHz,

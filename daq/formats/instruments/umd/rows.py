@@ -39,7 +39,7 @@ _LIMIT = 10**18
 """
 _PADDING = b"0" * 40
 """Leading zeros. A line of 16 numbers below `_LIMIT` exceeds `LINE_CAP` only if a number begins
-with as many zeros.
+with at least 40 zeros.
 """
 _SMALL_BLOCK = 200
 """Size of a block in bytes; a smaller block is converted faster line by line."""
@@ -54,8 +54,8 @@ class OddLine:
 
 
 def parse_lines(block: bytes) -> Iterator[Rows | OddLine]:
-    """Yield the rows of numbers and the odd lines of ``block`` in order. ``block`` is empty or ends
-    with a line feed. Empty lines are skipped.
+    """Yield the rows of numbers and the lines without a sample (`OddLine`) of ``block`` in order.
+    ``block`` is empty or ends with a line feed. Empty lines are skipped.
     """
     rows = uniform_rows(block) if len(block) > _SMALL_BLOCK else None
     if rows is not None:
