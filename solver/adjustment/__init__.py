@@ -1,4 +1,4 @@
-"""The adjustment of a survey: noise, outliers, the fit, and the verdict of its residuals.
+"""The adjustment of a survey: the fit, its noise and outliers, and the findings from its residuals.
 
 Input: the model. Output: estimates, variances, findings. `planning` and `methods` import this
 package.

@@ -94,12 +94,13 @@ FOUND = (*EFFECTS.values(), TRIAL)
 SETTLED = 0.02
 """Relative change of a size below which its iteration ends."""
 PLAUSIBLE = {SETUP_SCALE: 2.0}
-"""Largest size of an effect in the search for contradictions, relative to its usual size
-(default 1). One length compares all seven setups, so a survey cannot distinguish large scales of
-all setups from one wrong setup. The value 2 is the spread of the scales of ten setups in one
+"""Largest size of an effect in the search for contradictions, relative to its usual size (default
+1). One length compares all seven setups, so a survey cannot distinguish large scales of all setups
+from one wrong setup. The ratio 2 for scales comes from the scatter of ten setups in one
 workshop."""
 MOST_TILT_MRAD = 200.0
-"""Largest accepted mirror tilt: a tenth of this tilt moves the beam off the laser within 0.25 m."""
+"""Largest accepted mirror tilt. A tenth of this tilt already moves the beam off the laser within
+0.25 m, so a larger estimate has another cause."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,11 +108,11 @@ class Adjustment:
     """The fit of a survey and its findings. The rows of the fit are the readings (first m), the
     straightness of the head, and the priors.
 
-    ``effects`` are the random effects in the order of the fit; ``shapes`` are the angular
-    functions, ``between`` the values between the nodes, ``sizes`` the estimated sizes. ``u_um``
-    (m,) is the standard uncertainty of every reading by noise, infinite for an omitted stop.
-    ``explained`` contains errors outside the model. ``scatter`` contains the machine's
-    repeatability and the noise of its setups.
+    ``effects`` are the random effects in the order of the fit. ``shapes`` are the angular
+    functions. ``between`` are the deviations between the nodes. ``sizes`` are the estimated sizes
+    of the random effects. ``u_um`` (m,) is the standard uncertainty of every reading by noise,
+    infinite for an omitted stop. ``explained`` contains errors outside the model. ``scatter``
+    contains the machine's repeatability and the noise of its setups.
     """
 
     layout: Layout
@@ -144,8 +145,8 @@ class Adjustment:
 
     @property
     def products(self) -> dict[int, float]:
-        """Return the columns of the products of two axes outside the machine's functions, in the
-        order of `PRODUCTS`, with their sizes in um."""
+        """Return the column and the size in um of each error in `PRODUCTS`, in the order of
+        `PRODUCTS`."""
         size_um = self.explained.spread[self.explained.of(PRODUCT)]
         return (
             dict(enumerate(size_um.tolist(), self.first_cause(BESIDE)))
@@ -154,8 +155,9 @@ class Adjustment:
         )
 
     def as_usual(self, *found: str) -> MixedFit:
-        """Return the fit in which no effect except growth and the effects ``found`` is larger
-        than usual, so that no large effect hides a contradiction."""
+        """Return the fit with every random effect limited to its usual size, so that no large
+        effect hides a contradiction. Growth, the backlash at first stops and the effects ``found``
+        keep their estimated size."""
         return _as_usual(self.fit, self.effects, self.sizes, found)
 
     def plausible(self, *found: str) -> MixedFit:
@@ -315,8 +317,8 @@ class _Task:
         current = self._with_right_signs(self._with_right_names(current))
         for suspicious in self._suspicions(current):
             current = suspicious
-        # the sizes of drift and wander are estimated without the wrong stops, because a larger
-        # size could explain a wrong stop
+        # the sizes of linear and irregular drift are estimated without the wrong stops, because a
+        # larger size could explain a wrong stop
         self.clean = True
         current = self._find_scatter(
             self._find_sizes(self._with_effects(current.fixed)), robust=False
@@ -344,9 +346,9 @@ class _Task:
     def _first_scatter(self) -> MixedFit:
         """Return the fit with the first estimate of the scatter.
 
-        A step of millimetres changes every residual of its pass and would enlarge the scatter, so
-        it is searched for first, with the usual sizes. If the readings scatter less than assumed,
-        there is no such step.
+        The search for a step of millimetres comes first, because this step would enlarge the
+        estimated scatter. The search assumes the usual sizes of all effects. This search is omitted
+        if the readings scatter less than assumed.
         """
         current = self._fit_with_tilts()
         within = current.chi_square <= current.freedom
@@ -359,7 +361,8 @@ class _Task:
         return self._with_effects(current.fixed)
 
     def _open_beside(self, current: MixedFit) -> MixedFit:
-        """Return the fit that includes the explanations outside the model, each with its size.
+        """Return the fit with the explanations outside the model (`explained`) as additional random
+        effects.
 
         The search uses a fit whose growth and scales of setups are not larger than usual, because
         large ones would explain the same lengths.
@@ -391,10 +394,13 @@ class _Task:
         )
 
     def _with_right_names(self, current: MixedFit) -> MixedFit:
-        """Return the fit with the readings of two setups exchanged, and a finding, if only
-        exchanged names agree with all other readings.
+        """Exchange the readings of two setups and add a finding, if their names were exchanged.
+        Return the fit.
 
-        The test omits the head, because a head with a wrong sign also agrees with exchanged names.
+        Names count as exchanged if only the exchanged names agree with all other readings.
+
+        The test omits the values of the 4-DOF head, because a wrong sign of the head can look like
+        exchanged names.
         """
         usual = _as_usual(current, self.effects, self.sizes)
         if heads := sum(len(one.position_mm) for one in self.straightness):
@@ -418,8 +424,8 @@ class _Task:
         return self._find_scatter(self._fit_with_tilts(), robust=True)
 
     def _with_right_signs(self, current: MixedFit) -> MixedFit:
-        """Return the fit with reversed signs of angular functions, and a finding, if only the
-        reversed sign agrees with all other data."""
+        """Reverse the sign of each known angular function that agrees with all other data only with
+        the reversed sign, and add a finding. Return the fit."""
         right = sorted(self.angles)
         while wrong := wrong_signs(
             current, {name: self._change_by_sign(name) for name in right}
@@ -433,7 +439,7 @@ class _Task:
             self.findings += [error("angles-far.sign", name=name) for name in wrong]
             right = [name for name in right if name not in wrong]
             current = self._find_scatter(self._fit_with_tilts(), robust=True)
-        # a function within its expanded uncertainty has no known sign
+        # an angular function smaller than its expanded uncertainty does not show its sign
         large = [
             name
             for name in right
@@ -546,9 +552,9 @@ class _Task:
         """Return the deviations corrected for the second-order effects of the estimated tilts,
         shape (m,).
 
-        Mirror and beam tilt together (theory 4.2): every reading is shorter by nu^2/2 of its
-        length, and measures machine errors along the mirror's normal instead of the diagonal. The
-        correction changes the deviations, not the rows.
+        Mirror and beam tilt together (theory 4.2). Every reading is shorter by nu^2/2 of its
+        length. The reading contains the machine errors along the mirror's normal instead of the
+        diagonal. The correction changes the deviations, not the rows.
         """
         tilt_mrad = _tilts(self.design, unknowns, len(self.layout.setups))
         self._refuse_impossible(tilt_mrad)
@@ -591,8 +597,8 @@ class _Task:
         return weight
 
     def _find_sizes(self, current: MixedFit) -> MixedFit:
-        """Increase the assumed sizes of drift and of the change of a reversal along its axis to
-        the sizes in the data (variance components)."""
+        """Increase the assumed sizes of the drift, and of the variation of each reversal with
+        position, to the sizes that the data show (variance components)."""
         for _ in range(SIZE_ROUNDS):
             before = self.u.copy()
             for rows in self.sized:

@@ -1,5 +1,5 @@
-"""The unbroken counts of a survey, and the visibility of a wrong reading, a step or a random walk
-in each count after a fit.
+"""The unbroken counts of the laser in a survey, and the visibility of errors in each count after a
+fit: of a wrong reading, of a step, and of a random walk.
 
 The visibilities are computed for a fit without random effects; random effects are a small
 correction.
@@ -119,12 +119,12 @@ def _count(
     place: NDArray[np.int64],
     rows: NDArray[np.int64],
 ) -> Count:
-    """Return a count from the matrix W - W A C A' W of its rows. ``weight`` (k,) is the diagonal
-    of W, ``among`` is A C A'."""
+    """Return a count from the matrix W - W A C A' W of its rows: ``weight`` (k,) is the diagonal of
+    W, ``among`` is A C A' (`_among_each`)."""
     walk = walk_of(len(rows))
     own = weight**2 * among.diagonal()
-    # a step is the sum of the own parts of all later readings, and of twice the common part with
-    # every reading after each of them
+    # the visibility of a step is the sum of the matrix elements of all readings after the step: the
+    # diagonal once, each element above the diagonal twice
     common = weight * among.with_those_after(weight)
     weighted = weight[:, None] * walk
     return Count(
@@ -173,8 +173,10 @@ def _way_of(fixed: Fit, driven: Sequence[Count]) -> Way | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Among:
-    """The covariance A C A' of the fitted readings of a count, shape (k, k): ``alike + across
-    own' + own across'``. ``above`` is the part of ``alike`` above the diagonal."""
+    """The covariance A C A' of the fitted readings of a count, shape (k, k), in parts: ``alike +
+    across own' + own across'``. ``alike`` is the part that all repetitions of a pass have in
+    common. ``own`` are the columns of A that are constant within the count. ``above`` is the part
+    of ``alike`` above the diagonal."""
 
     alike: Vector
     above: Vector

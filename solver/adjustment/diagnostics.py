@@ -83,8 +83,8 @@ def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
 
 
 def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
-    """Return the drift of the count in every out-and-back pair where it is identified: the sum
-    of the linear part, which is an unknown, and of the random effects in `IN_TIME`."""
+    """Return the drift of the count in every out-and-back pair where the readings identify the
+    linear drift. The drift is the linear drift plus the random effects in `IN_TIME`."""
     columns, fit = found.design.columns, found.fit
     drifts: list[Drift] = []
     for index, (name, pair, timed) in enumerate(found.design.drift_pairs):
@@ -137,9 +137,9 @@ def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
 def _repeatability_um(
     layout: Layout, place: NDArray[np.int64], deviation_um: Vector, setup: str
 ) -> float | None:
-    """Return the standard deviation of a stop between passes in the same direction, or None
-    without repetitions. Stops are compared by the target numbers ``place`` (m,), because the
-    order of the axes may differ between passes."""
+    """Return the standard deviation of repeated readings at one target in passes of the same
+    direction, or None without repetitions. Targets are compared by their numbers ``place`` (m,),
+    because the order of the axes may differ between passes."""
     squares, freedom = 0.0, 0
     for outward in (True, False):
         mine = [
@@ -190,11 +190,14 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     by the linear runs, in um, with its standard uncertainty (theory 6.4). Return None if the
     readings do not compare diagonals and runs.
 
-    The uncertainty includes angles of at least their assumed size, because the closure does not
-    show slopes of pitch and yaw, and growth of its estimated size. The uncertainty also includes
-    drift and scales of setups of a plausible size (`solver.adjustment.adjustment.PLAUSIBLE`),
-    because free sizes would absorb the misclosure, and products of their estimated size if products
-    are the named cause.
+    The uncertainty includes these effects:
+
+    - angles of at least their assumed size, because the closure does not show slopes of pitch and
+      yaw;
+    - growth of its estimated size;
+    - drift and scales of setups of a plausible size (`solver.adjustment.adjustment.PLAUSIBLE`),
+      because free sizes would absorb the misclosure;
+    - products of two axes of their estimated size, if they are the named cause.
     """
     layout = found.layout
     machine = (BESIDE,) if found.explained.machine_named else ()
@@ -270,7 +273,8 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
         )
         findings.append(finding("info", words))
     rms_um = np.array([_stated_um(found, index) for index in range(len(found.layout.setups))])
-    # if noise is not separated from misses, the assumed repeatability explains part of the scatter
+    # if the readings of a setup do not separate noise from positioning deviations of the moves, the
+    # assumed repeatability explains part of the scatter
     beside_um = np.where(separated(found.layout), 0.0, found.assumed.repeatability_um)
     low = (np.hypot(rms_um, scatter.noise_um) > TOO_LOW * np.hypot(rms_um, beside_um)) & (
         scatter.freedom_noise >= LEAST_FREEDOM

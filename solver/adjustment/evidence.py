@@ -1,11 +1,10 @@
 """Theory of operation: the odds of each possible error of a survey.
 
 The readings are normal for given standard deviations of the random effects, ``y = A x + B a + e``
-(`solver.model.design`, `solver.model.effects`). An explanation is an additional pattern h: a wrong
-stop, a step of the count, either of them in each repetition of a pass, the scale of a setup, or a
-product of two axes in a component of the machine's errors (and y^2 z in Z, a ram that sags). V is
-the covariance of the readings including the random effects, and R removes the unknowns x (Baarda
-1968):
+(`solver.model.design`, `solver.model.effects`). An explanation is an additional pattern h. The
+patterns are a wrong stop, a step of the count, a stop or step in each repetition of a pass, the
+scale of a setup, and the machine errors `solver.adjustment.explanations.PRODUCTS`. V is the
+covariance of the readings including the random effects, and R removes the unknowns x (Baarda 1968):
 
     shown = h' V^-1 R y
     seen = h' V^-1 R h
@@ -21,20 +20,20 @@ The prior standard deviation of the unknown size t is between the uncertainty 1 
 For a known noise, gain(q) = q. The noise is estimated from the same residuals, so gain is the gain
 of the profile likelihood (`solver.linear.components.gained`). The factor (1 + t^2 seen)^-1/2
 reduces the odds of an explanation with a free size. Explanations with the same pattern have the
-same Bayes factor, because sizes are relative to the uncertainty. A wandering pass and growth in
-time consist of many patterns with a common standard deviation. The prior probability of a kind of
-explanation (`PRIOR`) is divided among the explanations of this kind:
+same Bayes factor, because sizes are relative to the uncertainty. Irregular drift in a pass (a
+wandering pass) and growth in time consist of many patterns with a common standard deviation. The
+prior probability of a kind of explanation (`PRIOR`) is divided among the explanations of this kind:
 
     odds_k = prior_k / (number of its kind) * Bayes factor_k
     p_k = odds_k / (1 + sum of all odds)
 
-The limit is `ODDS` = 20. The best stop, step or pass is a contradiction if its odds are 20 times
-the odds of no error, of every scale and of every product. The contradiction is omitted from the fit
-if its odds are also 20 times those of every other fault (`solver.adjustment.faults`), and the
-search is repeated. The explanations that are still probable at the end form the mixture of the
-result (`solver.adjustment.explanations`).
+The limit is `ODDS` = 20. The most probable wrong stop, step or wandering pass is a contradiction if
+its odds are 20 times the odds of no error, of every scale and of every product. The contradiction
+is omitted from the fit if its odds are also 20 times those of every other fault
+(`solver.adjustment.faults`), and the search is repeated. The explanations that are still probable
+at the end form the mixture of the result (`solver.adjustment.explanations`).
 
-The odds need no new fit with the explanation: the inverse of the fit without it is enough.
+The odds are computed from the fit without the explanation; no new fit is needed.
 """
 
 from collections.abc import Callable
@@ -73,9 +72,9 @@ setup has another scale, from its wavelength, air or target. Products as large a
 functions, a place with a local error, a wandering pass, and a head with a wrong sign are less
 frequent.
 
-120 surveys had a scale of 0 to 40 um/m in one setup. With a prior of 0.1 for a scale, 17 of these
-surveys had errors beyond U, with 0.2 10, and with 0.3 5. With a prior of 0.3, the cause of the
-errors of a warming machine is ambiguous.
+120 surveys had a scale of 0 to 40 um/m in one setup. The number of these surveys with errors beyond
+U was 17 with a prior of 0.1 for a scale, 10 with 0.2, and 5 with 0.3. With a prior of 0.3, the
+cause of the errors of a warming machine is ambiguous.
 """
 PRIOR[EXCHANGED] = PRIOR[SCALE] / ODDS
 """Two names of setups are exchanged in one survey of a hundred."""
@@ -93,8 +92,8 @@ DECIMALS = 6
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
     """Properties of c patterns h, with the symbols of this module: ``shown`` (c,) = h' V^-1 R y,
-    ``seen`` (c, c) = h' V^-1 R h, ``whole`` (c,) = h' W h with the weights W. ``moved`` (count,
-    c) is the decrease of the unknowns for one unit of each pattern."""
+    ``seen`` (c, c) = h' V^-1 R h, ``whole`` (c,) = h' W h with the weights W. ``moved`` (count, c)
+    is the amount by which each unknown decreases if the fit includes one unit of each pattern."""
 
     shown: Vector
     seen: Vector
@@ -131,11 +130,11 @@ class Evidence(NamedTuple):
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Family:
     """Explanations of one kind on the readings ``rows`` (k,), each with one pattern. ``pattern``
-    returns the patterns of some explanations, shape (k, p).
+    returns the patterns of the explanations with the given indices (p,), shape (k, p).
 
-    ``shown`` and ``seen`` (c,) are defined above; ``seen`` is 0 for a pattern that the fit cannot
-    separate from its unknowns. ``named`` (c,) is the number of the reading, setup or product that
-    an explanation concerns. ``most`` is the largest possible size.
+    ``shown`` and ``seen`` (c,) are the symbols of this module; ``seen`` is 0 for a pattern that the
+    fit cannot separate from its unknowns. ``named`` (c,) is the number of the reading, setup or
+    product that an explanation concerns. ``most`` is the largest possible size.
     """
 
     kind: str
@@ -171,7 +170,7 @@ def log_prior(kind: str, many: int) -> float:
 
 
 def visible(seen: Vector, whole: Vector) -> Vector:
-    """Return ``seen`` with negligible shares of ``whole`` set to 0, shapes (c,)."""
+    """Return ``seen``, set to 0 where it is less than `HIDDEN` times ``whole``, shapes (c,)."""
     return np.where(seen > HIDDEN * np.maximum(whole, np.finfo(np.float64).tiny), seen, 0.0)
 
 

@@ -3,7 +3,8 @@
 The steps of two diagonals can have the same lengths, so that the laser's steps fit either name. The
 readings of all setups agree on one machine only with the right names. The evidence of an exchange
 is its gain in likelihood (`solver.adjustment.evidence`). An exchange also explains part of a large
-step, so it is compared with the stops, steps and walks of the same fit.
+step, so the odds of the exchange are compared with those of the wrong stops, steps and wandering
+passes in the same fit.
 """
 
 from collections.abc import Iterator
@@ -22,11 +23,12 @@ from stepdiag.solver.model.layout import Layout
 
 
 def exchange(usual: MixedFit, layout: Layout) -> tuple[tuple[int, int], Vector] | None:
-    """Return the two setups whose exchange has `ODDS` against no exchange and against every fault
-    of a pass, and the change of the target (rows,) by the exchange. The result is None if no pair
-    has these odds.
+    """Return the two setups whose names were exchanged, and the change of the target (rows,) by the
+    exchange. The odds of the exchange must be `ODDS` times those of no exchange and higher than
+    those of every fault of a pass; the result is None if no pair has these odds.
 
-    The random effects of ``usual`` are not larger than usual, so that they do not hide an exchange.
+    In the fit ``usual`` every random effect is limited to its usual size, so that no effect hides
+    an exchange.
     """
     every = list(_pairs(layout))
     if not every:

@@ -1,26 +1,32 @@
 """Theory of operation: errors of a whole survey, and the mixture that is its result.
 
 A wrong stop, step or pass has its own residuals (`solver.adjustment.faults`). Three kinds of errors
-have none: the scale of a setup, machine errors that are not a function of one axis (`PRODUCTS`:
-products of two axes in a component, and y^2 z in Z, a ram that sags), and unusual growth. One
-length compares the seven setups of a usual survey, so most of these errors explain this length
-equally well. `solver.adjustment.evidence` computes the odds of all errors. Stops, steps and walks
-are compared too, so that a product does not explain their part. Growth and scales of all setups
-have at most their usual size, because they explain the same length.
+have no residuals of their own: the scale of a setup, machine errors that are not a function of one
+axis (`PRODUCTS`: products of two axes in a component, and y^2 z in Z, a ram that sags), and unusual
+growth. One length compares the seven setups of a usual survey, so most of these errors explain this
+length equally well. `solver.adjustment.evidence` computes the odds of all errors. The comparison
+includes wrong stops, steps and wandering passes, so that a product does not explain readings with
+one of these faults. Growth and scales of all setups have at most their usual size, because they
+explain the same length.
 
-- A kind of explanation is in the mixture if its odds are at least 1 / `ODDS` of the best odds,
+A kind of explanation is in the mixture if its odds are at least 1 / `ODDS` of the best odds,
 including "no error". The limit 1 / `ODDS` also applies to the explanations of one kind. The mixture
-of a good survey has no explanations. - An explanation is the named cause if it has `ODDS` times the
-probability of all other explanations together. - If setups and products have more than half of the
-probability without a named cause, all candidates are reported (`solver.methods.doubt`). If growth
-is a candidate, this report needs a compensation that could increase the error. The lengths can
-refuse an export (`solver.adjustment.diagnostics.scale_findings`).
+of a good survey has no explanations.
+
+An explanation is the named cause if it has `ODDS` times the probability of all other explanations
+together.
+
+If setups and products have more than half of the probability without a named cause, all candidates
+are reported (`solver.methods.doubt`). If this needs growth as a candidate, all candidates are
+reported only if compensation could increase the error. If the lengths contradict each other, an
+export is refused (`solver.adjustment.diagnostics.scale_findings`).
 
 Each explanation in the mixture is a random effect with a share of its expected square E[t^2 | k,
-y], for estimate, budget, posterior and predictions. A normal distribution with the moments of the
-mixture has the share p_k, the probability of explanation k. If k is true, the error of the mixture
-is t (1 - p); 2 u covers this error with the share (1 - p)^2 / 4p. Explanations in the smallest set
-of kinds with `SURE` of all probability, including "no error", therefore have the share
+y], for estimate, budget, posterior and predictions. With the share p_k, the probability of
+explanation k, a normal distribution has the moments of the mixture. If explanation k is true, the
+error of the mixture is t (1 - p). 2 u covers this error if u^2 is at least t^2 (1 - p)^2 / 4.
+Therefore the most probable kinds, which together with "no error" have the probability `SURE`, have
+the larger share
 
     max(p_k, (1 - p_k) / 4)
 
@@ -69,11 +75,11 @@ MOST_UM, MOST_UM_M = 50.0, 200.0
 class Explained:
     """Explanations outside the model: scales of single setups, products of two axes, growth.
 
-    ``named`` (c,) are the setup numbers or the places in `PRODUCTS`, by ``kinds`` (c,). ``size``
-    (c,) is the size of each explanation in um/m, or in um at the far corner. ``share`` (c,) is its
-    probability. ``spread`` (c,) is its standard deviation in the mixture. ``growth`` is the
-    probability of unusual growth, ``nothing`` the probability of no error. ``walk_um`` (m, k) are
-    the steps of wandering passes in the mixture.
+    ``kinds`` (c,) is the kind of each explanation. ``named`` (c,) is the number of its setup, or
+    its index in `PRODUCTS`. ``size`` (c,) is the size of each explanation in um/m, or in um at the
+    far corner. ``share`` (c,) is its probability. ``spread`` (c,) is its standard deviation in the
+    mixture. ``growth`` is the probability of unusual growth, ``nothing`` the probability of no
+    error. ``walk_um`` (m, k) are the steps of wandering passes in the mixture.
     """
 
     kinds: tuple[str, ...]

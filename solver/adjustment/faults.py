@@ -3,8 +3,8 @@ wandering pass. A fault is omitted from the fit if the readings show the cause.
 
 With one pass of each diagonal, the residuals of two passes may not separate the causes. The odds
 (`solver.adjustment.evidence`) therefore include the smoothness of the machine errors under each
-explanation. If the odds do not decide, every explanation is a random effect with the size of the
-contradiction, one finding lists all explanations, and an export is refused.
+explanation. If the odds do not decide, one finding lists all explanations, and an export is
+refused. Every explanation is then a random effect with the size of the contradiction.
 """
 
 from collections.abc import Iterator, Sequence
@@ -53,7 +53,8 @@ FREE_UM = 1e3
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fault:
     """A wrong stop, a step, a local error of the machine or a walk: its ``pattern`` (k, r) on the
-    readings ``rows`` (k,), its size, and the number ``named`` of its reading.
+    readings ``rows`` (k,), and its size. ``named`` is the number of the reading at which the fault
+    begins.
 
     ``odds`` is the logarithm of the odds against no fault; it includes ``prior`` and ``smoother``,
     the parts by the prior and by the smoothness of the machine. ``without`` (count,) are the
@@ -79,8 +80,8 @@ class Fault:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspicion:
-    """A contradiction: its probable faults, the most probable first. A single fault has `ODDS`
-    times the odds of every other fault.
+    """A contradiction: its probable faults, the most probable first. If the list contains only one
+    fault, its odds are at least `ODDS` times those of every other fault.
 
     ``apart_um`` is the largest difference between the machine errors under these faults over the
     volume (rms).
@@ -99,10 +100,10 @@ class Suspicion:
 
 
 def most_suspicious(fit: MixedFit, columns: Columns, every: Counts) -> Suspicion | None:
-    """Return the contradiction with the highest odds, or None if no explanation has `ODDS`
-    against no fault."""
-    # in a small survey the misses of the moves explain a single reading; only all readings
-    # together are checked
+    """Return the contradiction with the highest odds, or None if the odds of no explanation exceed
+    `ODDS` times those of no fault."""
+    # in a small survey the positioning deviations of the moves can explain any single reading: only
+    # all readings together are checked
     if not np.any((fit.redundancy > CHECKED) & (fit.weight > 0)):
         return None
     found = sorted(
@@ -233,8 +234,8 @@ def _singles(fit: MixedFit, columns: Columns, every: Counts) -> list[Fault]:
 
 
 def walks(fit: MixedFit, every: Counts) -> list[Fault]:
-    """Return for each count the fault of a wandering pass: a random walk in addition to the
-    usual effects of a pass."""
+    """Return the fault "wandering pass" of each count: a random walk in addition to the usual
+    random effects."""
     found, prior = [], log_prior(WALK, len(every.single))
     for count in every.single:
         mixed = fit.root @ (fit.causes.left[count.rows].T @ count.walk)
@@ -277,8 +278,8 @@ def with_apart(
 
 
 def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
-    """Return the weights without a decided wrong stop; an undecided stop has the size of the
-    contradiction as additional uncertainty."""
+    """Return the weights of the readings. A wrong stop gets the weight 0 if it is the only probable
+    fault; otherwise the size of the contradiction is added to its uncertainty."""
     lowered = weight.copy()
     for one in suspicion.faults:
         if one.kind == STOP:
@@ -289,8 +290,8 @@ def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
 
 
 def effects_for(layout: Layout, suspicion: Suspicion, text: Words) -> list[Effect]:
-    """Return the random effects of a suspicion. The size of a decided step or local error is
-    free; other faults have the size of the contradiction."""
+    """Return the random effects of a suspicion. If a step or a local error is the only probable
+    fault, its size is unlimited; other faults have the size of the contradiction."""
     free = suspicion.decided and suspicion.best.kind in (STEP, PLACE)
     return [
         Effect(

@@ -14,7 +14,7 @@ from stepdiag.solver.linear.components import likelier
 from stepdiag.solver.linear.mixed import MixedFit
 
 BETTER = 2.0 * (float(np.log(ODDS)) - log_prior(TURNED, 1))
-"""Twice the gain in log-likelihood at which a reversed sign has `ODDS`."""
+"""Twice the gain in log-likelihood at which the odds of a reversed sign are `ODDS`."""
 LEAST, MOST = 0.6, 1.6
 """Range of the estimated size of the change for a wrong sign."""
 

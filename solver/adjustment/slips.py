@@ -20,17 +20,17 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
 
 NEARLY_ALWAYS = 1.6
-"""Ratio of the size of a step that is nearly always detected to that of a step detected in half
-of the surveys: 6.65 / 5 standard uncertainties for a normal distribution (95 %), and more
-because large random effects explain part of a step."""
+"""Size of a step that is detected in 95 % of the surveys, divided by the size of a step detected in
+half of the surveys. For a normal distribution the ratio is 6.65 / 5; it is larger here, because
+random effects explain part of a step."""
 MOST_STANDING = 10.0
-"""Largest number of standard uncertainties of a detected step. In surveys with three to ten
-degrees of freedom, nearly all slips of 1.6 times that size were detected."""
+"""Largest number of standard uncertainties that a step needs to be detected. In surveys with three
+to ten degrees of freedom, nearly all slips of 1.6 times this limit were detected."""
 TELLS_MORE = 1.3
 """Ratio of the error over the volume with and without a slip above which the slip is reported
 with its pass."""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
-"""Names in the result, and their kinds of setups."""
+"""Names of the groups of setups in the result, and the kinds of setups in each group."""
 
 
 def _u_um(fit: MixedFit, count: Count) -> Vector:
@@ -59,10 +59,10 @@ def slips_report(
     """Return the most harmful undetected slip of the diagonals and of the linear runs in um. None
     means that a slip of any size is undetected.
 
-    ``volume_um`` is the effect of a slip of ``half_um`` on the identified errors over the volume
-    (rms); ``readings_um`` is the effect of the noise (k = 1). ``passes`` are the passes in which a
-    slip and the noise together have more than `TELLS_MORE` times the effect of the noise. U does
-    not include a slip.
+    ``half_um`` is the size of a slip that half of all surveys detect. ``volume_um`` is the effect
+    of this slip on the identified errors over the volume (rms); ``readings_um`` is the effect of
+    the noise (k = 1). ``passes`` are the passes in which a slip and the noise together have more
+    than `TELLS_MORE` times the effect of the noise. U does not include a slip.
     """
     field, report, out = (
         _Field.of(fit, layout, design),
@@ -145,7 +145,8 @@ def _slip(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Field:
-    """The identified errors over the volume, as a few numbers with the same square sum.
+    """The identified errors at all points of the volume, reduced to k numbers whose sum of squares
+    is equal to that of the errors.
 
     ``by_unknowns`` (k, count) and ``by_readings`` (m, k) are the effects of one unit of each
     unknown, and of 1 um in each reading, on these numbers in um. ``values`` is the number of error

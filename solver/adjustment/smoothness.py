@@ -14,11 +14,11 @@ def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vecto
     """Return twice the negative log-likelihood of the nine displacement functions, shape (k,) for
     ``unknowns`` (count, k).
 
-    The amounts of the half waves of a function are normal. The power of the half waves is estimated
-    from the functions and does not rise with the wave number (isotonic maximum likelihood). A jump
-    between targets is therefore unlikely: it adds the same power to short and long waves.
-    ``variance_um2`` (count,) is the variance of each unknown by noise; it limits the power from
-    below.
+    The amounts of a function's half waves are treated as normally distributed. The power of the
+    half waves is estimated from the functions and does not rise with the wave number (isotonic
+    maximum likelihood). A jump between targets is therefore unlikely: it adds the same power to
+    short and long waves. ``variance_um2`` (count,) is the variance of each unknown by noise; it
+    limits the power from below.
     """
     waves = columns.nodes - 1
     if waves < 2:

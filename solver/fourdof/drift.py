@@ -3,11 +3,11 @@
 The lever multiplies the noise of the drift detector PSD1: 1.7 urad at 8 m are 14 um of
 straightness. A source drifts slowly, and noise has no memory, so the model is a random walk
 observed with white noise (the local level model; Harvey, Forecasting, Structural Time Series Models
-and the Kalman Filter, 1989, sections 2.3 and 4.3). The ratio of the walk's speed to the noise is
-estimated from the series of PSD1, from the noise within the dwells, and from the quadrant detector.
-A real drift also moves the spot on the quadrant detector, so the right correction makes the path of
-this spot smoother. The result is the mean over all likely speeds; its uncertainty includes the
-spread between the speeds.
+and the Kalman Filter, 1989, sections 2.3 and 4.3). The speed of the drift (the step of the random
+walk relative to the noise) is estimated from the series of PSD1, from the noise within the dwells,
+and from the quadrant detector. A real drift also moves the spot on the quadrant detector, so the
+right correction makes the path of this spot smoother. The result is the mean over all likely
+speeds; its uncertainty includes the spread between the speeds.
 """
 
 from dataclasses import dataclass
@@ -24,16 +24,17 @@ QUICKEST = 1e4
 values are not smoothed."""
 SPEEDS = 25
 MOST_BENDS = 40
-"""Largest number of bends (second differences) of the spot's path in the likelihood. Bends show
-a rough remainder of a drift, but not a slow one."""
+"""Largest number of bends (second differences) of the spot's path in the likelihood. Bends show a
+remaining drift that changes from stop to stop, but not a slow remaining drift."""
 BENDS_COUNT = 0.1
 """Weight of the bends in the likelihood, below 1 because bends of a remaining drift are nearly
 equal at neighbouring stops. In a pass of 8 m with a noise of 1.7 urad, a weight of 0.5 smooths
 the drift too much: 83 % of the values are within 2 u (10.9 um rms). With a weight of 0.1, 94 %
 are within 2 u (8.6 um); with 0, 97 % (9.3 um)."""
 BENDS_SHARE = 1.94
-"""Factor of the variance of the slope between two series of second differences of white noise,
-whose correlations are -2/3 and 1/6: 1 + 2 (4/9 + 1/36)."""
+"""The second differences of white noise are correlated with their neighbours by -2/3 and 1/6. The
+variance of a slope between two such series is therefore larger by this factor: 1 + 2 (4/9 +
+1/36)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +64,7 @@ def slow_drift(
     found = _smoothed(seen_urad, step_s[:, None] / usual_s * speeds)
     floor = float(np.mean(u_urad**2))
     noise = np.maximum(found.noise, floor)
-    # the weight of a noise ten times that within the dwells is a hundredth
+    # a drift whose noise is ten times the noise within the dwells has a hundredth of the weight
     likely = (
         found.log_likelihood
         - (np.log(noise / floor) if floor > 0.0 else 0.0)
@@ -81,8 +82,8 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
     """Return the part of the fast residual of PSD1 that is a real motion of the beam, and its
     uncertainty, shapes (N,).
 
-    If the share g of the residual is a motion of the beam, the second differences of the spot are g
-    times those of the lever times the residual. A regression estimates g.
+    A regression estimates g, the share of the residual that is a motion of the beam: the second
+    differences of the spot are g times the second differences of (lever * residual).
     """
     of_rest, of_spot = np.diff(1e-3 * lever_mm * rest_urad, n=2), np.diff(left_um, n=2)
     power = float(of_rest @ of_rest)
@@ -132,8 +133,9 @@ def _smoothed(seen: Vector, speed: Vector) -> _Smoothed:
 
 
 def _smoothness(spot_um: Vector, lever_mm: Vector, level: Vector) -> Vector:
-    """Return the log-likelihood of each drift, shape (speeds,), by the bends of the straightness
-    after its correction. Second differences do not depend on the head's alignment."""
+    """Return the log-likelihood of each drift, shape (speeds,), by the second differences (bends)
+    of the straightness after its correction. Second differences do not depend on the head's
+    alignment."""
     bends = np.diff(spot_um[:, None] - 1e-3 * lever_mm[:, None] * level, n=2, axis=0)
     likely: Vector = (
         -0.5

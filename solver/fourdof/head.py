@@ -8,8 +8,8 @@ The compensated values are
     straightness = QD / 2 - L * psd1        angle = (PSD2 + psd1) / 2
 
 so the signs of psd1 in Feng's Eqs 2 and 4 are opposite to each other. Only the pointing of the
-source is corrected. Air that bends the beam, and half of a parallel shift of the beam, cause errors
-of the result.
+source is corrected. Two errors remain in the straightness: bending of the beam by the air, and half
+of a parallel shift of the beam.
 """
 
 from dataclasses import dataclass, field
@@ -98,9 +98,9 @@ class Motion:
     usable light.
 
     ``raw_*`` is the motion without drift compensation. ``drift_urad`` is the angle of PSD1. If
-    times are known, the noise of PSD1 is removed from ``drift_urad``, and ``u_drift_urad`` is the
-    remaining uncertainty, else zero. ``u_*`` is the uncertainty by the calibration. ``usable`` is
-    False for a sample that is blocked, saturated or outside the calibrated range.
+    times are known, the noise of PSD1 is removed from ``drift_urad``. ``u_drift_urad`` is then the
+    remaining uncertainty; without times it is zero. ``u_*`` is the uncertainty by the calibration.
+    ``usable`` is False for a sample that is blocked, saturated or outside the calibrated range.
     """
 
     straightness_um: Vector

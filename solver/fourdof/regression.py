@@ -2,20 +2,20 @@
 nine channels.
 
 The machine moves the target sideways by known amounts (jogs) at two or more distances, and stands
-still while the laser's pointing changes. In one lateral axis (theory.md 9), for a target moved by
-``m`` at the offset ``X`` of its end of the travel, and a pointing ``a`` of the source at the lever
-``L = l + d``:
+still while the laser's pointing changes. In one lateral axis (theory.md 9), ``m`` is the jog of the
+target, ``X`` is the lateral offset of the target at this end of the travel, ``a`` is the pointing
+of the source, and ``L = l + d`` is the lever:
 
     spot on the QD   q = 2 (m + X) - 2 L a         times 1 + growth (d - middle)
     PSD1               = -a + leak1 q
     PSD2               = a (1 + 2 leak2 L) + a constant of the end
 
-Each detector reads its value with two gains, two signs and its roll. The pointing is an unknown of
-every row, is linear in the model, and is eliminated (variable projection: Golub, Pereyra 1973;
-Kaufman's approximation), so noise of a detector does not reduce the estimated slopes. The noise of
-each detector is the noise of its samples times a common factor. The common factor and the errors of
-the jogs are estimated from the residuals. Separate factors for three detectors are not possible,
-because the smallest noise would become zero.
+The readings of each detector also depend on its two gains, its two signs and its roll. The pointing
+is an unknown of every row, is linear in the model, and is eliminated (variable projection: Golub,
+Pereyra 1973; Kaufman's approximation), so noise of a detector does not reduce the estimated slopes.
+The noise of each detector is the noise of its samples times a common factor. The common factor and
+the errors of the jogs are estimated from the residuals. Separate factors for three detectors are
+not possible, because the smallest noise would become zero.
 """
 
 from dataclasses import dataclass
@@ -55,11 +55,11 @@ MOST_U_GAIN = 0.02
 """Largest relative standard uncertainty of a gain; a larger value means that the change of
 pointing or the jogs were too small."""
 ROUNDS, STEPS = 6, 8
-"""Number of iterations of the noise, and of Gauss-Newton steps in each iteration: half of either
-number converges to 1e-6."""
+"""Number of iterations of the noise, and number of Gauss-Newton steps in each iteration. Half of
+these numbers is already enough for 1e-6."""
 LINEAR = 1e-3
-"""Smallest noise of a detector relative to the change of pointing; the curve of a detector is
-not more exact."""
+"""Smallest noise of a detector relative to the change of pointing: the relative error of a
+detector's curve."""
 JOG_UM = 1.0
 """Initial value of the estimated error of a jog, in um of the spot on the detector."""
 

@@ -29,8 +29,8 @@ def varied(head: Head, fields: Sequence[str], change: Vector) -> Head:
 def spread(
     of: Callable[[Head], Vector], head: Head, fields: Sequence[str], covariance: Vector
 ) -> Vector:
-    """Return the standard uncertainty of a quantity by the calibration, shape like the result of
-    ``of``.
+    """Return the standard uncertainty by the calibration of the quantity ``of(head)``, in the shape
+    of this quantity.
 
     The quantity is computed after a change of one standard deviation along each main axis of the
     covariance's ellipsoid (JCGM 100, 5.2.2).

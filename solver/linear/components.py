@@ -116,8 +116,8 @@ def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector, Vector]:
 
 
 def gained(fit: AnyFit, left: Vector | float) -> Vector:
-    """Return twice the gain in log-likelihood if the weighted square sum of the residuals falls to
-    ``left``.
+    """Return twice the gain in log-likelihood if the weighted square sum of the residuals decreases
+    to ``left``.
 
     All weights have a free common noise factor (profile likelihood), unless the residuals are much
     smaller than the weights predict.

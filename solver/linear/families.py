@@ -112,7 +112,7 @@ def _sizes_at(probability: Vector, seen: Vector, shown: Vector, log_found: float
 
 def size_by_all(families: Sequence[Family], probability: float) -> float:
     """Return the quantile of a group's standard deviation, relative to the usual value, from the
-    families of the group in independent fits."""
+    results of `family_of` for this group in independent fits."""
     seen = np.concatenate([np.zeros(0), *(one.seen for one in families)])
     shown = np.concatenate([np.zeros(0), *(one.shown for one in families)])
     return _sizes_at(np.array([probability]), seen, shown, 0.0).item()

@@ -101,8 +101,8 @@ def invert(
 ) -> Inverse:
     """Return a generalised inverse of A.T diag(weight) A.
 
-    ``like`` is an inverse of the same rows with other positive weights, or with fewer rows and the
-    same null space. The null space of ``like`` is used again.
+    ``like`` is an earlier result with the same null space, which is used again: for the same rows
+    with other positive weights, or for fewer rows.
     """
     packed = like.packed if like and like.packed.rows is rows else pack(rows, blocks)
     system = _scaled(packed, weight)
@@ -178,8 +178,8 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
     uses the rows, because the normal matrix loses half of the digits.
     """
     count = len(system.scale)
-    # the search excludes unknowns that no row involves: with rows of few functions these are most
-    # unknowns
+    # the search excludes unknowns that no row involves: if the rows measure only a few functions,
+    # most unknowns are excluded
     idle = np.flatnonzero(system.normal.diagonal == 0)
     basis = _candidates(system, idle)
     held = np.append(idle, _pivots(basis))

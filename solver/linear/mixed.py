@@ -4,7 +4,7 @@
     target = rows @ unknowns + pattern @ amount + noise
     amount ~ normal(0, size^2), noise ~ normal(0, 1 / weight)
 
-The rows are sparse. The matrices of the random effects are small, so that a new trial of standard
+The rows are sparse. The matrices of the random effects are small, so the fit with other standard
 deviations takes milliseconds.
 """
 
@@ -31,7 +31,8 @@ class Causes:
     ``taken`` (count, q) is the effect of the pattern on the fixed unknowns. ``left`` (m, q) is the
     weighted residual of the pattern; ``scaled`` (m, q) is its residual times the root of the
     weight. ``seen`` (q, q) = scaled.T @ scaled. ``shown`` (q,) = scaled.T @ scaled residual of the
-    target. Products of residuals have small rounding errors.
+    target. The products are computed from residuals, because products of residuals have small
+    rounding errors.
     """
 
     pattern: Vector

@@ -128,8 +128,8 @@ def _scale(positioning: Function) -> Scale:
 def _reading_u(
     layout: Layout, data: DiagonalData, closure: Vector
 ) -> tuple[float, list[Finding]]:
-    """Return the stated standard uncertainty of an averaged reading, or the value from the
-    increments of the closure, with findings."""
+    """Return the standard uncertainty of an averaged reading, and findings. It is the stated value,
+    or without a stated value the estimate from the increments of the closure."""
     used = np.isin([key.setup for key in layout.passes], _used(layout))[layout.pass_index]
     stated = layout.u_um[used]
     if np.all(np.isfinite(stated)):

@@ -27,8 +27,8 @@ ALONE = 100.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """A possible error of a survey: its probability ``share``, its words, its passes, its random
-    effect, and the columns within this effect."""
+    """A possible error of a survey: its probability ``share``, its description ``words``, its
+    passes, its random effect, and the columns ``causes`` of this effect."""
 
     share: float
     words: Message
@@ -41,9 +41,10 @@ def doubt_findings(found: Adjustment) -> list[Finding]:
     """Return the finding about an error with several explanations: the candidates, the most
     probable first, the effect of each on the volume, and the setup whose repetition decides.
 
-    Growth of a machine is usual: with growth as a candidate, the finding is returned only if
-    compensation would increase the error under one candidate. If the lengths contradict each other,
-    `scale_findings` lists the candidates instead.
+    Growth alone is no reason for this finding, because every machine grows. If the candidates have
+    more than half of the probability only together with growth, the finding is returned only if
+    compensation would increase the error under one of the candidates. If the lengths contradict
+    each other, `scale_findings` lists the candidates instead.
     """
     setups = found.explained.unnamed
     if not (setups or found.explained.unnamed_with_growth) or scale_findings(found):
@@ -164,9 +165,9 @@ def _alone(found: Adjustment, one: Candidate) -> MixedFit:
 
 
 def separating(layout: Layout, every: Sequence[Candidate]) -> tuple[str, float]:
-    """Return the best setup to drive again, and its minutes. The best setup has the largest p (1
-    - p) per minute, with p the probability that its passes contain the cause. Laser and target
-    are set up again."""
+    """Return the best setup to drive again, and its minutes. The best setup has the largest p (1 -
+    p) per minute, with p the probability that its passes contain the cause. The minutes include
+    setting up laser and target."""
     found = []
     for setup in layout.setups:
         share = sum(

@@ -1,9 +1,9 @@
 """The straightness by the 4-DOF head in a result: its values by three reference lines, and its
 comparison with the diagonals.
 
-If head and diagonals contradict each other, either may be wrong, and their mean is wrong. The
-result then contains the values of the diagonals, with an uncertainty that includes the head's
-values. An export is refused until the cause is removed.
+If head and diagonals contradict each other, either may be wrong. The result then does not contain a
+mean of both, but the values of the diagonals, with an uncertainty that includes the head's values.
+An export is refused until the cause is removed.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,10 +30,10 @@ LEAST_CHECKED = 2
 """Smallest number of checked values of the head for which agreement is reported."""
 NORMAL_999 = 3.09  # the 99.9 % point of the normal distribution
 LIKELY = 0.8
-"""Probability that the waves between the nodes are at most as large as assumed, from differences
-among the head's values. With 0.8, 6 of 180 surveys without a fault had a contradiction (12 with
-0.5), none of them with waves of at least `BENT`. From 0.95 on, some wrong signs are not
-detected."""
+"""The assumed size of the waves between the nodes is this quantile of their likely sizes. The
+likely sizes are computed from differences among the head's values. With 0.8, 6 of 180 surveys
+without a fault had a contradiction (12 with 0.5), none of them with waves of at least `BENT`. From
+0.95 on, some wrong signs are not detected."""
 BENT = 2.0 / 8.0
 """Deviation of a function in the middle between two nodes from the straight line, as a share of
 its second differences at the nodes: 1/8 for a smooth function, 1/4 for waves of two increments."""
@@ -78,8 +78,8 @@ def agreeing(
 
 
 def sizes_of(alone: Adjusted) -> dict[str, float]:
-    """Return the sizes of angular functions and of the waves between the nodes by the laser's
-    readings, relative to their usual sizes and at least 1.
+    """Return two sizes that the laser's readings show, relative to their usual sizes and at least
+    1: of the angular functions, and of the waves between the nodes.
 
     The comparison of the head with the diagonals uses these sizes. With free sizes, angles of 80
     urad or waves between the nodes would explain an error of 8 um in the head's values.
@@ -169,9 +169,9 @@ def head_report(
 
 @dataclass(frozen=True, eq=False)
 class _Checked:
-    """The ``fit`` of all readings and all values of the head, the fits ``alone`` of the values
-    of each function, and the factor ``as_usual`` (q,) from the size of each random effect to its
-    usual size."""
+    """``fit`` is the fit of all readings and all values of the head. ``alone`` contains a separate
+    fit of the head's values of each function. ``as_usual`` (q,) is the factor from the size of each
+    random effect to its usual size."""
 
     fit: MixedFit
     alone: Mapping[str, MixedFit]
@@ -220,10 +220,10 @@ def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
 
 
 def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
-    """Return chi-square, divided by its limit, of a function's rows against all ``others``, or
-    of these rows among themselves if that is larger. Return None if too few rows are checked. A
-    single chi-square over all passes could hide a difference between the head and all other
-    passes."""
+    """Return the larger of two values of chi-square, each divided by its limit: of a function's
+    rows against all ``others``, and of these rows among themselves. Return None if too few rows are
+    checked. A single chi-square over all passes could hide a difference between the head and all
+    other passes."""
     among = _over_chance(alone.chi_square, alone.freedom)
     return max(
         (one for one in (_apart(whole, others, alone), among) if one is not None),

@@ -155,10 +155,10 @@ def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) ->
 def tool_report(
     errors: Mapping[str, Function], expected: Mapping[str, Function], assumed: Assumptions
 ) -> Tool:
-    """Return the point of the reported errors, which is the point where the beam meets the
-    mirror, and the effect of the angles on a tool tip at `REACH_MM` from this point, in um (k =
-    2). The effect is computed from the largest value and U of each angular function, or from its
-    assumed range."""
+    """Return the point for which the errors are reported, and the effect of the angles in um (k =
+    2) on a tool tip at `REACH_MM` from this point. The errors are reported for the point where the
+    beam meets the mirror. The effect is computed from the largest value and U of each angular
+    function, or from its assumed range."""
     reach = []
     for name in ROTATIONS:
         function = errors.get(name) or expected.get(name)

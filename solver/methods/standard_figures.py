@@ -217,8 +217,9 @@ def _positioning(
 
 
 def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSources:
-    """Return the sources of uncertainty of the runs: relative ones for lengths, readings and
-    drift in um. The material's temperature is a source only for lengths at 20 C."""
+    """Return the sources of uncertainty of the runs: relative uncertainties of lengths, and
+    uncertainties of the readings and the drift in um. The material's temperature is a source only
+    for lengths at 20 C."""
     direction = np.abs(layout.direction[found.rows[0]])
     grown = float(assumed.reduced_to_20_c) * 1e-6 * assumed.u_grown_um_m()
     cosine = (1e-3 * assumed.alignment_mrad) ** 2 / 2 / np.sqrt(3.0)

@@ -63,7 +63,8 @@ function; all ratios from 0 to this value are equally likely."""
 
 
 Machines = tuple[Machine, Machine, Vector]
-"""The whole machine, the part that the readings determine, and the covariance of the rest."""
+"""The whole machine, the part that the readings determine, and the covariance of the part that they
+do not determine."""
 
 
 def with_the_usual(
@@ -88,8 +89,8 @@ def make_posterior(
 ) -> Posterior:
     """Return the distribution of the differences between the machine and the reported errors.
 
-    ``wider`` are the covariances of `with_the_usual`, which give the expected state of the machine;
-    ``machines`` is the result of `as_known`.
+    ``wider`` are the covariances of `with_the_usual`, from which the expected errors of the machine
+    are computed; ``machines`` is the result of `as_known`.
     """
     machine, seen, unmeasured = machines
     offset = _offset(machine, wider, spread, errors, known)
@@ -103,7 +104,7 @@ def as_known(
     found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]
 ) -> Machines:
     """Return the whole machine, the part that the readings determine, and the covariance of the
-    rest."""
+    part that they do not determine."""
     first = found.first_cause("angles") if found.shapes.names else 0
     machine = machine_of(
         found.design, found.shapes, first, len(spread.fit.size), found.products
@@ -122,12 +123,12 @@ def volume_shares_um(
     u_um: float,
 ) -> dict[str, float]:
     """Return the root mean square length of the error vector over the volume for each source of
-    uncertainty (k = 1). ``u_um`` is the combined value; the share of unmeasured errors is the
-    rest of ``u_um``."""
+    uncertainty (k = 1). ``u_um`` is the combined value. The share of unmeasured errors is the root
+    of ``u_um``^2 minus the squares of all other shares."""
     _, seen, unmeasured = machines
     fields = free_fields_um(seen, found.layout.volume, found.design.chain)
-    # the product of this smaller matrix with the values has the square sum of the error vector
-    # as a mean over the points
+    # a QR decomposition reduces the rows: the square sum of ``over`` times the values is the mean
+    # square of the error vector over the points
     over = np.sqrt(3.0 / fields.shape[1]) * np.linalg.qr(fields.T, mode="r")
     alone = over @ seen.combination.dense()
     moved = over @ spread.moved(seen.combination, seen.on_causes)
@@ -283,9 +284,9 @@ def _known(quantities: Quantities, known: Mapping[str, bool]) -> dict[str, NDArr
 def drawn_surveys(
     spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, trials: int
 ) -> MonteCarlo:
-    """Return, for each quantity, the standard deviation in simulated surveys (JCGM 101) and the
-    stated standard uncertainty (rms over the nodes of a function), and for a single number its
-    shortest 95 % interval."""
+    """Return, for each quantity, its standard deviation in simulated surveys (JCGM 101) and its
+    stated standard uncertainty, rms over the nodes of a function. For a single number, the result
+    also contains the shortest 95 % interval."""
     drawn = monte_carlo(spread, quantities.combination, trials=trials)
     report = {}
     for name, rows in _known(quantities, known).items():

@@ -45,8 +45,8 @@ class AxisBetween:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Between:
-    """The targets between the nodes of all axes, and the ``names`` of the functions that the
-    readings at these targets depend on."""
+    """The targets between the nodes of all axes. The readings at these targets depend on the
+    functions ``names``."""
 
     axes: tuple[AxisBetween, ...]
     names: tuple[str, ...]

@@ -258,8 +258,8 @@ def _offset_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64]
 
 
 def _tilts(layout: Layout) -> tuple[tuple[int, ...], Vector]:
-    """Return the setup and the direction of every observable mirror tilt: a setup shows a tilt
-    in a direction in which it travels across the beam."""
+    """Return the setup and the direction of every observable mirror tilt. A tilt in a direction
+    across the beam is observable if the target travels in this direction."""
     setups: list[int] = []
     directions: list[Vector] = [np.zeros((0, 3))]
     for index in range(len(layout.setups)):

@@ -141,8 +141,8 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Ef
     """Return the effects of the unknown angular functions (theory 4.3): one for straight parts and
     long waves, one for short waves.
 
-    The readings show short waves best. With a common standard deviation, a machine without short
-    waves would also have too small long waves.
+    The readings show short waves best. With a common standard deviation, the estimate of the long
+    waves would be too small for a machine without short waves.
     """
     arms = rotation_coefficients(layout, chain)
     pattern = np.zeros((len(layout), len(shapes.names) * (shapes.waves + 1)))
@@ -296,10 +296,11 @@ def _registers(layout: Layout) -> Effect:
     """Return the effect of reported positions that scatter although the machine stands still.
 
     The deviation of a reading is relative to the reported position, so a scatter of the reported
-    position adds an error. The effect has two patterns: scatter while an axis stands, and scatter
-    between the ends of its moves. The amount of a pattern is 0 if the axis really was at the
-    reported position, and 1 if only the reported value scatters. Rounding that repeats at each
-    target, or that accumulates over increments, is not scatter.
+    position adds an error. The effect has two patterns: the scatter of a standing axis within its
+    stay between two moves, and the scatter of the mean positions from stay to stay. The amount of a
+    pattern is 0 if the axis really was at the reported position, and 1 if only the reported value
+    scatters. Rounding that repeats at each target, or that accumulates over increments, is not
+    scatter.
     """
     within, between = np.zeros_like(layout.beside_mm), np.zeros_like(layout.beside_mm)
     for axis in range(3):
@@ -326,8 +327,8 @@ def _beside_program_mm(layout: Layout, axis: int) -> Vector:
     target and without accumulated rounding of increments.
 
     Equal increments are rounded equally. The accumulated rounding is therefore proportional to the
-    distance from the first stop of the pass, or of the setup if each pass begins where the previous
-    pass ended.
+    distance from the first stop of the pass. If each pass begins where the previous pass ended, it
+    is proportional to the distance from the first stop of the setup.
     """
     beside, targets, passes = (
         layout.beside_mm[:, axis],

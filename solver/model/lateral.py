@@ -57,8 +57,8 @@ class Observed:
 def at_targets(
     measured: Sequence[MeasuredStraightness], layout: Layout
 ) -> list[MeasuredStraightness]:
-    """Return the head's passes with positions moved to their targets, if possible to targets of
-    the laser. The values are corrected by the slope of the pass, which is mainly the head's
+    """Return the head's passes with positions moved to their targets; a near target of the laser is
+    preferred. The values are corrected by the slope of the pass, which is mainly the head's
     alignment."""
     found = list(measured)
     for axis, letter in enumerate(AXIS_LETTERS):

@@ -107,15 +107,15 @@ class Layout:
         return counted
 
     def select(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "Layout":
-        """Return the layout of some readings; the numbers of setups and passes do not change."""
+        """Return the layout of the readings ``rows``. Setups and passes keep their numbers."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
     def leaning(self, tilt_mrad: Vector) -> "Layout":
         """Return the layout at the reported positions, with the mirror and the beam of each setup
         tilted by ``tilt_mrad`` (setups, 3).
 
-        A laser measures machine errors along the normal of the mirror, and autocollimation makes
-        the beam parallel to this normal. ``deviation_um`` does not change: the tilt unknowns
+        A laser measures machine errors along the normal of the mirror. Autocollimation makes the
+        beam parallel to this normal. ``deviation_um`` does not change, because the tilt unknowns
         explain the effect of the tilt on the nominal travel.
         """
         leaning = self.direction + 1e-3 * tilt_mrad[self.setup_index]
@@ -406,7 +406,7 @@ def _zeros(
             zero[begins].tolist(), pass_index[begins].tolist(), strict=True
         )
     ]
-    # a pass without a number of the count is an unbroken count
+    # the count of a pass without a ``zero`` number is unbroken within this pass only
     stretch = [
         stretches.setdefault(
             (key.setup, number, 0 if number >= 0 else key.number), len(stretches)

@@ -21,17 +21,17 @@ value, larger than rounding."""
 DRIFT_UM = 1.0
 """Prior standard uncertainty of the drift during an outward pass and its return pass."""
 REVERSAL_CHANGE_UM = 2.0
-"""Prior standard uncertainty of the change of a reversal along its axis. In an out-and-back
-pair, drift and a growing reversal have the same effect; if one of the two had a much smaller
-prior, the other would absorb the whole effect."""
+"""Prior standard uncertainty of the change of a reversal along its axis. In an out-and-back pair,
+drift and a growing reversal have the same effect. If the prior uncertainty of one were much
+smaller, the other would absorb the whole effect."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
     """Rows of the adjustment with the target zero and a standard uncertainty.
 
-    The readings may increase the uncertainty of each group of rows in ``found``. ``misses`` are the
-    rows of the positioning deviations of the moves.
+    ``found`` contains groups of rows; the adjustment increases the uncertainty of a group if the
+    readings show larger values. ``misses`` are the rows of the positioning deviations of the moves.
     """
 
     rows: Rows
@@ -151,10 +151,10 @@ def _difference_u(name: str, angles: Angles, design: Design) -> float | Vector:
 def _reversal_changes(
     columns: Columns, axis: int, component: int
 ) -> tuple[NDArray[np.int64], Vector]:
-    """Return the rows that set the change of a reversal from node to node to zero.
+    """Return the rows with which a reversal is assumed equal at neighbouring nodes.
 
-    Backlash hardly depends on position. Drift has the same effect as a reversal that grows along
-    all axes, and is more likely.
+    Backlash hardly depends on position. Drift and a reversal that grows along all axes have the
+    same effect, but drift is more likely.
     """
     at = columns.of(2, axis, component)
     before = np.concatenate([at[:1], at[:-1]])

@@ -33,7 +33,8 @@ def reversal(name: str) -> str:
 
 
 def backlash(name: str) -> str:
-    """Return the name of a function's reversal that includes its value at the low end."""
+    """Return the name of a function's reversal including the reversal at the low end of the
+    axis."""
     return f"backlash {name}"
 
 
@@ -122,8 +123,8 @@ def variance(found: Quantities, inverse: Inverse) -> Vector:
     """Return the variance of every quantity, shape (q,). The variance of a quantity that is not
     identified has no meaning.
 
-    All but the first unknown of each combination are end nodes, so few columns of the covariance
-    are needed.
+    Few columns of the covariance are needed, because all unknowns of a combination except the first
+    are end nodes.
     """
     column, value = found.combination.column, found.combination.value
     ends, place = np.unique(column[:, 1:], return_inverse=True)

@@ -43,7 +43,8 @@ class Circumstances:
         return self.assumed.reading_um * sqrt(USUAL_DWELL_S / dwell_s)
 
     def head_ranges_urad(self, runs: Iterable[Run]) -> dict[str, float]:
-        """Return the remaining range of each angular function that the head's runs measure."""
+        """Return the range of each angular function that remains uncertain after the head's
+        runs."""
         axes = {run.travel.axis.upper() for run in runs if run.is_fourdof}
         names = [name for name in self.head_turns if name[2] in axes]
         return {

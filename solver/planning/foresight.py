@@ -42,9 +42,9 @@ from stepdiag.solver.planning.information import (
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 
 BENT = 6.7
-"""Factor of the usual difference (rms over the travel) between the smooth curve through n + 1
-targets and the straight lines of a table, which is BENT shape / n^2. The factor was computed on
-random functions of five half waves whose size decreases with their number."""
+"""The usual difference (rms over the travel) between the smooth curve through n + 1 targets and the
+straight lines of a table is BENT * shape / n^2. The factor was computed on random functions of five
+half waves whose size decreases with their number."""
 _OF_FEW = {
     1: (0.93, 0.0),
     2: (0.66, 0.20),
@@ -104,8 +104,8 @@ class Foresight:
 
     @cached_property
     def volumetric_um(self) -> float:
-        """Return the standard uncertainty of the error vector over the volume, without the error
-        of the straight lines of tables. The sizes of quantities that are not identified have an
+        """Return the standard uncertainty of the error vector over the volume, without the error of
+        tables between their targets. The sizes of quantities that are not identified have an
         unknown common factor."""
         larger = np.sqrt(max(float(np.mean(class_factors() ** 2)) - 1.0, 0.0))
         return float(
@@ -116,8 +116,8 @@ class Foresight:
 
     @cached_property
     def full(self) -> tuple[float, float]:
-        """Return the unknown error over the volume (rms) and its degrees of freedom, with the
-        usual size of all quantities that are not identified."""
+        """Return the uncertainty of the error over the volume (rms) and its degrees of freedom.
+        Quantities that are not identified have their usual size."""
         return self.of.over(self.information, self.of.precision(self.usual_u))
 
     @cached_property
@@ -128,8 +128,8 @@ class Foresight:
 
     @cached_property
     def missed(self) -> tuple[NDArray[np.bool_], float]:
-        """Return a mask of the rows of quantities that are not identified, and the rms of their
-        errors over the volume."""
+        """Return a mask of the usual rows (`usual_u`) whose quantities are not identified, and the
+        rms over the volume of the errors of these quantities."""
         missing = np.array(
             [not self.known.get(name, True) for name in self.of.usual_names], dtype=np.bool_
         )
@@ -204,7 +204,7 @@ class Foresight:
         return found.diagonals if found else None
 
     def hides(self) -> Words:
-        """Return the words for the size of an undetected slip and its effect on the volume, or
+        """Return the message with the size of an undetected slip and its effect on the volume, or
         an empty text without a diagonal."""
         if self.unseen is None:
             return ""
@@ -225,8 +225,9 @@ def bent_um(assumed: Assumptions, increments: int) -> float:
 
 
 def _between_targets(increments: int) -> tuple[float, float]:
-    """Return two deviations of a function, divided by its shape: from the function to the smooth
-    curve through its targets, and from this curve to the straight lines between targets."""
+    """Return two deviations of a function, divided by the size of its shape (both rms over the
+    travel): from the function to the smooth curve through its targets, and from this curve to the
+    straight lines between targets."""
     return _OF_FEW.get(increments, (CURVED / increments**3, BENT / increments**2))
 
 

@@ -43,7 +43,7 @@ def cheapest_runs(
     or None if no usual run helps.
 
     Runs are chosen one by one: the run that identifies most quantities per minute. If no run
-    identifies any, it is the run that determines most combinations of the unknowns.
+    identifies a quantity, the run that determines most combinations of the unknowns is chosen.
     """
     survey = _coarse(layout)
     design = build_design(
@@ -65,8 +65,9 @@ def cheapest_runs(
 
 
 def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the angular functions whose shape the readings determine without an assumption
-    about their size (theory 5.2). A survey with one beam line for each setup determines none."""
+    """Return the angular functions whose shape the readings determine without an assumption about
+    their size (theory 5.2). A survey with one beam line for each setup determines no angular
+    function in this way."""
     if not names or all(setup.shift == 0 for setup in layout.setups):
         return ()
     survey = _coarse(layout)

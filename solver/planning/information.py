@@ -20,8 +20,8 @@ its usual size, so an additional setup never increases C.
 error at points of the volume, without rigid motion. The mean square of this error is ``tr(C H) +
 floor`` with ``H = K' F F' K``. A control with nine tables corrects only functions of one axis. T is
 the projection of an error on the errors that such tables can correct; then ``H = K' F T F' K``, and
-the floor is the usual effect of angular functions outside this projection. A control with a lattice
-table has no floor.
+the floor is the usual effect of angular functions outside this projection. For a control with a
+lattice table the floor is zero.
 """
 
 from collections.abc import Mapping
@@ -66,9 +66,10 @@ COMMON = {FIRST_STOPS: 3, "air": 1, "material temperature": 6, GROWTH: 0}
 """The random effects that all setups share, except angles, and their number of columns in a
 layout without them."""
 _FREE, _ANYTHING_UM, _ANY_TURN_UM = 1e-6, 1e4, 1e3
-"""Precision of unknowns of any size; prior size in um of displacements that no reading
-determines; prior size of rotations of the whole machine. The precision makes a matrix without
-information regular. Larger sizes would cause rounding errors above 1e-8."""
+"""``_FREE`` is the precision of unknowns of any size; it makes a matrix without information
+regular. ``_ANYTHING_UM`` is the prior size of displacements that no reading determines.
+``_ANY_TURN_UM`` is the prior size of rotations of the whole machine. Larger sizes would cause
+rounding errors above 1e-8."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -111,8 +111,8 @@ class Advice:
     the shortest first.
 
     ``best`` is the survey for the requested time or target uncertainty, or None. ``with_head`` is
-    the requested or planned survey with a 4-DOF run along each axis, or None if the head has no
-    gain or is already planned.
+    the requested or planned survey with a 4-DOF run along each axis, or None if the head does not
+    reduce the remaining error or is already planned.
     """
 
     forecast: Forecast

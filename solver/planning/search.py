@@ -8,10 +8,10 @@ H)``, by
 
     tr((1 + B' C B)^-1 B' C H C B)                 (1 - B' C B for its removal)
 
-This reduction is computed for all possible lines at once. The user states the minutes: the first
-line of a setup costs the set-up time, each further line of the same travel costs the time of a
-shift. For the chosen lines, the search then chooses the number of passes, the orders of axes, the
-number of increments and the dwell, and continues the exchange. Lines are compared with few
+This reduction is computed for all possible lines at once. The first line of a setup takes the
+set-up time; each further line of the same travel takes the time of a beam shift. The user states
+these times. For the chosen lines, the search then chooses the number of passes, the orders of axes,
+the number of increments and the dwell, and continues the exchange. Lines are compared with few
 increments (`COARSE`), because the ranking of lines does not depend on the number of increments.
 """
 
@@ -56,8 +56,8 @@ KEPT = 2
 """Number of choices of lines whose covariance is kept in memory for the next exchange."""
 _NOTHING = 1e-10
 _TOLD = 1e-3
-"""Precision (1 / um^2) below which the information of a line is neglected; it is that of an
-uncertainty of 30 um."""
+"""Precision (1 / um^2) below which the information of a line is neglected, equal to an uncertainty
+of 30 um."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,7 +228,8 @@ class _Through:
 
 
 class Exchange:
-    """The search among possible lines with one kind of passes, by the information of each line.
+    """The search among possible lines, by the information of each line. All lines have the passes
+    ``ways``.
 
     ``done`` are runs that were already driven; the last of these is still set up. Lines are
     compared with ``weighed_on`` increments.
@@ -405,8 +406,8 @@ class Exchange:
         )
 
     def weighed(self, chosen: Sequence[int], without: Sequence[int] = ()) -> Vector:
-        """Return the mean square error after each possible line is added to the chosen lines
-        minus the lines ``without``, shape (lines,)."""
+        """Return the mean square error for each possible line in addition to the chosen lines,
+        shape (lines,). The lines ``without`` are first removed from the choice."""
         left = frozenset(chosen).difference(without)
         if left not in self._added_um2:
             through = self._through(frozenset(chosen))
@@ -476,9 +477,9 @@ class Exchange:
 
 def _increments(survey: Plan, about: Circumstances) -> list[int]:
     """Return the possible numbers of increments: the steps are whole micrometres, and targets do
-    not all have the same phase of a ball screw's wave. The second condition is omitted if the
-    plan has its own targets or if no number fulfils it. If no number gives whole micrometres,
-    return the number in the plan."""
+    not all have the same phase of a ball screw's wave. The second condition is omitted if the plan
+    has its own targets or if no number fulfils it. If whole micrometres are impossible, return the
+    number of increments in the plan."""
     size = np.array(survey.volume.size_mm)
     whole = [n for n in INCREMENTS if np.allclose(size / n, np.round(size / n, 3), atol=1e-9)]
     own = any(run.targets for run in survey.runs)

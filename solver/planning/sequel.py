@@ -3,9 +3,9 @@
 The driven setups show the sizes of the angles and the scatter of machine and laser
 (`solver.adjustment`). With these sizes, driven and possible setups are compared as in a plan
 (`solver.planning.search`). The search computes the best additional lines for several time limits;
-the lines with the largest gain per minute are driven next. The survey is complete if neither lines
-within `HORIZON_MIN` minutes nor the planned lines reduce the remaining error by `LEAST_UM` and
-`LEAST_SHARE`.
+the lines with the largest gain per minute are driven next. The survey is complete if no choice of
+lines has a useful gain: neither the lines that fit into `HORIZON_MIN` minutes nor the planned
+lines. A gain is useful if it reaches both `LEAST_UM` and `LEAST_SHARE`.
 """
 
 from collections.abc import Sequence
@@ -30,8 +30,9 @@ HORIZON_MIN = 60.0
 TIMES = (0.15, 0.3, 0.6, 1.0)
 """Time limits as shares of `HORIZON_MIN`."""
 SHOWN = 3.0
-"""Largest ratio of the limits of two thirds of the likely sizes at which the readings show the
-size of the angles; without information the ratio is 15."""
+"""The readings show the size of the angles if the interval with two thirds of the likely sizes is
+narrow: its upper limit is at most this multiple of its lower limit. Without information the ratio
+is 15."""
 LEAST_UM, LEAST_SHARE = 0.1, 0.05
 """Smallest useful gain, in um and as a share of the remaining error."""
 
@@ -103,9 +104,11 @@ def _left_um(exchange: Exchange, chosen: Sequence[int], increments: int) -> floa
 
 
 def _most_a_minute(exchange: Exchange, planned: int, increments: int) -> Sequence[int]:
-    """Return the lines with the largest gain per minute; the first ``planned`` lines are those
-    of the plan. If no lines have a useful gain, return the planned lines, or the best choice if
-    no lines are planned; no lines if no line has any gain."""
+    """Return the numbers of the lines with the largest gain per minute; lines 0 to ``planned`` - 1
+    are in the plan.
+
+    Without a useful gain, return the planned lines. If no lines are planned, return the choice with
+    the smallest remaining error, or no lines if none reduces this error."""
     todo = list(range(planned))
     now_um, rest_min = _left_um(exchange, (), increments), exchange.minutes(todo, increments)
     found: list[tuple[float, float, Sequence[int]]] = []
@@ -179,8 +182,8 @@ def _named(
 def shown_by(
     readings: Readings | None, survey: Plan, about: Circumstances
 ) -> tuple[Circumstances, float | None]:
-    """Return the circumstances with the sizes that the readings show, and the range of the
-    angles in urad, None if the readings do not show it."""
+    """Return the circumstances, with the assumed sizes replaced by those that the readings show.
+    Also return the range of the angles in urad, or None if the readings do not show this range."""
     if readings is None:
         return about, None
     try:

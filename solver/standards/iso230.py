@@ -29,7 +29,8 @@ at most 250 mm between targets."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coverage:
-    """The rule of a standard for a range from a scatter: ``k`` standard deviations on each side."""
+    """The rule by which a standard computes a range: ``k`` standard deviations on each side of the
+    mean."""
 
     standard: str
     k: float

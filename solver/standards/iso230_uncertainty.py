@@ -3,8 +3,8 @@
 The report is not public: theory.md 8.7 derives the effect of each source on each value, and every
 result states this. Errors proportional to length (laser, alignment, temperature) are equal in all
 runs: they are part of E, M and A and cancel in B and R. Errors that change from run to run
-(environment, noise) are averaged over the runs in E, M and B. R and A also have the uncertainty of
-a scatter from few runs.
+(environment, noise) are averaged over the runs in E, M and B. The uncertainty of R and A also
+contains that of standard deviations computed from few runs.
 """
 
 from collections.abc import Mapping
@@ -59,7 +59,7 @@ def expanded_um(
     u["B_mean"] = np.sqrt(2.0) * mean
     u |= scatter
     if len(scatter) == 2:
-        # R = 2 s_up + 2 s_down + |B| contains half of R_up (4 s_up) and half of R_down
+        # R = 2 s_up + 2 s_down + |B| is R_up / 2 + R_down / 2 + |B|, because R_up = 4 s_up
         u["R"] = float(np.hypot(np.hypot(scatter["R_up"], scatter["R_down"]) / 2.0, u["B"]))
     widened = {"A_up": "R_up", "A_down": "R_down", "A": "R"}
     u |= {

@@ -223,9 +223,9 @@ def separated(
     """Return the part of the machine's values that the readings determine, and the covariance (k,
     k) of the rest, which only the usual ``rows`` limit.
 
-    The rest is expected to have its most likely value for the determined part. A difference of
-    covariances with and without the usual rows would be the same, but with rounding that depends on
-    the processor.
+    The first part includes the most likely value of the undetermined part for the given readings.
+    The covariance is not computed as the difference of the covariances with and without the usual
+    rows, because the rounding of this difference would depend on the processor.
     """
     hidden = np.linalg.pinv(rows.times(inverse.null) / u[:, None], rcond=HIDDEN)
     moved = machine.combination.times(inverse.null) @ hidden
@@ -297,8 +297,8 @@ def posterior_of(
 
 
 def _is_nonzero(values: Vector) -> bool:
-    """Return whether any value is more than rounding. Every name with a value uses random
-    numbers, so rounding must not decide."""
+    """Return whether any value is nonzero after rounding. Each quantity in the posterior uses
+    random numbers, so a rounding error must not add a quantity."""
     return bool(np.any(np.round(values, POSTERIOR_DECIMALS)))
 
 

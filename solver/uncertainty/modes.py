@@ -13,8 +13,8 @@ from stepdiag.solver.linear.ties import first_of_the_largest
 KEPT_SHARE = 0.995
 """Share of the variance over the volume that the modes must contain."""
 UNSEEN = 1e-3
-"""Smallest share by which the readings reduce the variance of a determined direction at the
-largest likely size. All undetermined directions form one group."""
+"""A direction counts as determined if the readings reduce its variance at the largest likely size
+by at least this share. All undetermined directions form one group."""
 ROUNDING = 1e-9
 """Share of the largest value below which a value is rounding."""
 
@@ -56,7 +56,7 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
     (k,) of the rest.
 
     ``fields`` (k, values) is the effect of one unit of each of the k values over the volume. Each
-    column reproduces the value over the volume with the largest remaining variance. Among equal
+    new column removes the largest remaining variance among the values over the volume. Among equal
     values the first is chosen, so that rounding does not decide. The mean square of the rest over
     the volume is exact.
     """
@@ -112,8 +112,9 @@ def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> ByS
     over all likely sizes.
 
     Directions that the readings determine equally well, within a factor of two, form a group,
-    because an eigenvalue decomposition would choose among them by rounding. An additional mode of
-    each group is the change of its most likely amounts with the size.
+    because an eigenvalue decomposition would choose among them by rounding. Each group has an
+    additional mode: the most likely amounts of the group change with the size of the random
+    effects.
     """
     unseen = family.seen * np.max(family.factor) ** 2 < UNSEEN
     octave = np.floor(np.log2(np.where(unseen, 1.0, family.seen)))

@@ -15,7 +15,7 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.uncertainty.spread import Spread
 
 _NUMBERS = 2_000_000
-"""Quantity of random numbers drawn at a time: some tens of megabytes."""
+"""Number of random numbers drawn at a time; they need some tens of megabytes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

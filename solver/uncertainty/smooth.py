@@ -7,23 +7,23 @@ end-point line is a sum of half waves over the travel,
 
 The powers fall with k. The adjustment estimates each a_k with a variance v_k, so a_k^2 - v_k is an
 estimate of power_k. The powers of a function are the falling sequence nearest to these estimates
-(pool adjacent violators). The mean of m squared estimates has a relative scatter of sqrt(2 / m),
-which is added to the power of a pool: with a power of zero, a function would be straight if the
-readings merely show no bend. A step of a guideway or the waves of a ball screw cause large powers
-up to the shortest wave, so a function with a step or short waves is not smoothed. Each of the nine
-functions has separate powers.
+(pool adjacent violators). The mean of m squared estimates has a relative scatter of sqrt(2 / m).
+This scatter is added to the power of a pool of m waves: with a power of zero, a function would be
+treated as exactly straight as soon as the readings show no bend. A step of a guideway or the waves
+of a ball screw cause large powers up to the shortest wave, so a function with a step or short waves
+is not smoothed. Each of the nine functions has separate powers.
 
-A random effect on many readings (angles, drift) bends several functions at once, and would be
-estimated from the powers of all these functions. To avoid this, `OF_CAUSES` times the variance of
+A random effect on many readings (angles, drift) bends several functions at once, and its size would
+be estimated from the powers of all nine functions. To avoid this, `OF_CAUSES` times the variance of
 the random effect is added to each power: smoothness is evidence about noise only.
 
-The shorter half of the waves shows the real noise. If the squares of their amounts are smaller than
-their variances, the real noise is smaller than stated, and the powers increase by this ratio.
-Therefore readings without noise are not smoothed.
+The shorter half of the waves shows the real noise. If the squared amounts a_k^2 of these waves are
+smaller than their variances v_k, the real noise is smaller than stated. The powers are then divided
+by this ratio, so readings without noise are not smoothed.
 
 In the adjustment, each value of a shape has a row with the target zero and the power of the
-shortest wave as its variance. Random effects add the larger powers of longer waves. Only identified
-functions are smoothed.
+shortest wave as its variance. The longer waves have larger powers: random effects add the
+difference. Only identified functions are smoothed.
 """
 
 from collections.abc import Sequence

@@ -64,16 +64,16 @@ class Spread:
         return found
 
     def variance_by_readings(self, moved: Vector) -> Vector:
-        """Return the variance of each combination by the noise of the readings through the
-        random effects, shape (k,)."""
+        """Return the part of the variance of each combination that comes from the noise of the
+        readings in the estimated random effects, shape (k,)."""
         by_shown = moved @ self.fit.amount_covariance
         found: Vector = np.sum((by_shown @ self.fit.causes.seen) * by_shown, axis=1)
         return np.maximum(found, 0.0)
 
     def shares(self, moved: Vector) -> dict[str, Vector]:
         """Return the standard uncertainty by each group of random effects, and the share by the
-        unknown standard deviations, shapes (k,). All shares are reduced if smaller standard
-        deviations are more likely."""
+        unknown standard deviations, shapes (k,). If standard deviations below the estimates are
+        more likely, all shares are reduced by a common factor."""
         size = np.where(self.fit.size > 0, self.fit.size, np.inf)
         each = (moved @ (self.fit.amount_covariance / size)) ** 2
         beside = np.maximum(self.variance(moved) - self.variance_by_readings(moved), 0.0)

@@ -1,4 +1,5 @@
 """The common base of all floors: messages, findings, errors, settings, readings and the result.
 
-Every floor imports this package; it imports only the texts.
+A floor is a layer of the program (docs/architecture.md). Every floor imports this package; this
+package imports only `stepdiag.texts`.
 """

@@ -1,5 +1,5 @@
-"""The statement of a survey or a result about the compensation that was active in the control
-during the measurement."""
+"""Which compensation was active in the control during the measurement, as stated in a survey or a
+result."""
 
 import hashlib
 from collections.abc import Mapping
@@ -17,13 +17,13 @@ from stepdiag.base.settings import UNANSWERED
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
     """Whether a compensation was active during the measurement: ``state`` is None in a result
-    without a survey, ``"?"`` for a survey that does not answer the question."""
+    without a survey, and ``"?"`` if the survey file leaves this question open."""
 
     state: Literal["off", "on", "?"] | None = None
     files: tuple[ActiveFile, ...] = ()
 
     def facts(self, facts: Facts | None = None) -> Facts:
-        """Return the facts of a survey together with this statement."""
+        """Return ``facts`` (by default empty facts) with this statement added."""
         state = None if self.state == UNANSWERED else self.state
         return replace(facts or Facts(), compensation=state, active_files=self.files)
 
@@ -44,8 +44,8 @@ def stated(
     day: date | None,
     source: str,
 ) -> Statement:
-    """Return the statement that ``files`` were active and were read out on ``day`` in the way
-    ``source``."""
+    """Return the statement that ``files`` were active. The files were read out on ``day``, in the
+    way that ``source`` describes."""
     rows = tuple(
         ActiveFile(
             name=name,

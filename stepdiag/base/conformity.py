@@ -242,8 +242,8 @@ def _functions(result: Result, tolerance: Mapping[str, float]) -> Iterator[Judge
 
 
 def _drawn(result: Result, names: list[str]) -> dict[str, tuple[Vector, float]]:
-    """Return the range (largest less smallest value) of a function for machines drawn from the
-    posterior, shape (draws,), and for the function as found.
+    """Return two ranges (largest less smallest value) of each function: for machines drawn at
+    random from the posterior, shape (draws,), and for the estimated function.
 
     Straightness, and a function with unidentified slope, have their end-point line removed. The
     draws have the correlations of the posterior and the u of the result.
@@ -277,13 +277,14 @@ def _drawn(result: Result, names: list[str]) -> dict[str, tuple[Vector, float]]:
 
 def _interval(drawn: Vector, found: float, tolerance: float) -> Interval:
     """Return the interval (k = 2) of the range of a function, from the ranges of drawn machines;
-    ``found`` is the range of the function as found.
+    ``found`` is the range of the estimated function.
 
     Noise enlarges a range. The estimated range contains the noise once, the ranges of the draws
-    contain it twice. The upper end of the interval is that of the draws: a range that is short by
-    chance then causes no acceptance. The lower end is the smaller of two values: the lower end of
-    the draws less twice their bias, and that of the pivotal interval (2 found - high). A function
-    that a table corrects is zero except for its drawn residue.
+    contain it twice. The upper end of the interval is that of the draws, so that a range that is
+    short by chance is not accepted. The lower end is the smallest of three values: the lower end of
+    the draws, this end less twice the bias of the draws, and the lower end of the pivotal interval
+    (2 found - high). A function that a table corrects contains only the drawn difference from the
+    estimate; ``found`` is then zero.
     """
     low, middle, high = np.quantile(drawn, (TAIL, 0.5, 1.0 - TAIL)).tolist()
     if found:

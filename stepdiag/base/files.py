@@ -64,8 +64,8 @@ def read_bytes(
     """Return the bytes of a file. ``where`` is the field of the settings file that names this file.
     In this case a terminal or a pipe is refused.
 
-    Raises UsageError for an unreadable file, the error type ``blame`` for a file of more than
-    ``largest`` bytes.
+    Raises UsageError for an unreadable file. Raises an error of the type ``blame`` for a file of
+    more than ``largest`` bytes.
     """
     if where and path.exists() and not path.is_file():
         raise UsageError(
@@ -126,8 +126,7 @@ def require_hash(data: bytes, line: bytes, where: str, beside: str) -> None:
     """Raise DataError if the SHA-256 of the bytes differs from the SHA-256 in ``line``, a line of
     sha256sum from the file ``beside``."""
     found = hashlib.sha256(data).hexdigest()
-    # the name behind the hash is not compared: file and hash file may have been copied to another
-    # name
+    # the file name after the hash is not compared, because both files may have been renamed
     if line[:66] != f"{found}  ".encode("ascii") or not line.endswith(b"\n"):
         expected = f"SHA-256 {as_text(line[:64], beside)}"
         raise DataError(

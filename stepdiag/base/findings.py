@@ -23,7 +23,7 @@ __all__ = ["Finding", "Severity", "error", "finding", "in_words", "info", "warni
 
 NOWHERE = Place()
 PROOF = "proof"
-"""Code of the finding with the verdict of a proof run."""
+"""Code of the finding that contains the verdict of a proof run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,8 +55,8 @@ class Finding:
 
     @property
     def key(self) -> str:
-        """Return the code with the variant of the message; a message that several codes use has no
-        variant."""
+        """Return the key of the message (code, or code and variant after a dot). For a message that
+        several codes use, return the code of the finding."""
         words = self.message
         return words.key if words is not None and words.code == self.code else self.code
 
@@ -72,8 +72,8 @@ class Finding:
 
     @property
     def words(self) -> Words:
-        """Return the place and the message of the finding; only the text for a finding of an old
-        log or result."""
+        """Return the place and the message of the finding. A finding of an old log or result has no
+        message; its text is returned."""
         return self.text if self.message is None else at(self.place, self.message)
 
     def is_accepted(self, accept: Container[str]) -> bool:
@@ -113,8 +113,8 @@ class Finding:
 
 
 def in_words(found: Finding, language: Language, stops: Sequence[int] = ()) -> str:
-    """Return the sentence of a finding in a language. ``stops`` are all stops of the pass with this
-    finding, by default the stop of its place.
+    """Return the sentence of a finding in a language. ``stops`` are the stops of the pass that have
+    this finding. Without ``stops``, the stop in the finding is used.
 
     The text of an old log or result stays unchanged.
     """
@@ -133,8 +133,8 @@ def finding(
     size_um: float | None = None,
     among: tuple[str, ...] = (),
 ) -> Finding:
-    """Return the finding of a message. Its code is the key of the message without the variant. A
-    message that several codes use (a phrase) needs ``code``.
+    """Return the finding of a message. The code of the finding is the first part of the message's
+    key, before the dot. A message that several codes use (a phrase) needs ``code``.
 
     Raises KeyError for a phrase without a code.
     """

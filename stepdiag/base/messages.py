@@ -66,8 +66,8 @@ Words = Message | str
 Item = Message | str | int
 Argument = Message | str | int | float | Sequence[Item]
 Kept = Message | str | int | float | tuple[Item, ...]
-"""The stored form of an argument of a message: equal for a message read from JSON and a message
-made by the program."""
+"""The stored form of an argument of a message. A message read from JSON and a message made by the
+program have the same form."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +122,8 @@ def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
 
 
 def rendered(words: Words, language: Language) -> str:
-    """Return a message in a language. A text stays unchanged except for its decimal comma."""
+    """Return a message in a language. A text stays unchanged, except that its numbers get the
+    decimal comma of the language."""
     if isinstance(words, str):
         return localised(words, language)
     known = sentences().get(words.key)

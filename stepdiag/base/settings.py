@@ -30,9 +30,9 @@ _DEEPEST = 20
 _PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
 _LONG_NAME = re.compile(rf"(?<![\w\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST}}}")
 """Pattern of a name with too many parts. Time and memory of the TOML reader grow with the square of
-their number (1 GB for a name of 32 kB). A comment or text of this form is refused too. The pattern
-never begins after a backslash: the time of the search would grow with the square of the number of
-escaped quotes."""
+the number of parts (1 GB for a name of 32 kB). A comment or text of this form is refused too. A
+match does not begin after a backslash, because the time of the search would otherwise grow with the
+square of the number of escaped quotes."""
 _PLAIN: dict[type[inspect.Type], Message] = {
     inspect.BoolType: message("true-or-false"),
     inspect.DictType: message("a-table"),

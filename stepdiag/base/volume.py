@@ -17,9 +17,9 @@ SHORTEST_MACHINE_MM = 10.0
 
 POSITION_TOLERANCE_MM = 0.125
 """Largest distance of a stop from its target: a program with one decimal is wrong by 0.05 mm, and a
-G91 program accumulates its rounding. The edge of the box can be wrong by the same amount, so their
-difference can be twice as large. An error function changes by nanometres over this distance, which
-`solver.adjustment` subtracts."""
+G91 program accumulates its rounding. The edge of the box can be wrong by the same amount, so the
+distance between a stop and a node can be twice as large. Over this distance an error function
+changes only by nanometres."""
 SHARE_OF_STEP = 0.25
 """Largest distance of a stop from its target as a share of the increment, so that two targets stay
 distinct; the smaller of this and `POSITION_TOLERANCE_MM` is used."""
@@ -33,7 +33,8 @@ even targets; and the smallest distance of two targets in mm."""
 
 IN_STEP = 0.05
 """Smallest difference between an increment and a whole number of waves, as a share of the
-wavelength. With a smaller difference, ten increments show less than one slow wave."""
+wavelength. With a smaller difference, the targets have nearly the same phase: ten increments do not
+cover a full period."""
 
 POINTS = 350
 """Number of points of `anywhere_mm`."""
@@ -128,8 +129,8 @@ def nodes_to_mm(volume: Volume, nodes: NDArray[np.int64]) -> Vector:
 
 
 def irregular_mm(volume: Volume, axis: int, count: int) -> Vector:
-    """Return about ``count`` targets along an axis, ascending: the nodes, and between them places
-    that coincide with no period.
+    """Return about ``count`` targets along an axis, ascending: the nodes, and between them
+    irregular places that are not in phase with a periodic error.
 
     ISO 230-2 requires P_i = (i - 1) p + r with another r at each target. Here r is a fraction of p
     within `BESIDE_EVEN` from the multiples of the golden ratio, so every program of a survey has

@@ -11,8 +11,8 @@ ERRS = 2 * (1 - NormalDist().cdf(2.0))
 """Probability that an unchanged machine is reported as changed, for all its quantities together:
 4.6 %, as for a single quantity with k = 2."""
 EXCLUDED = 3.1
-"""Number of standard uncertainties above the estimate from which a change is excluded, with an
-error of one in a thousand."""
+"""A change is excluded if it exceeds the estimate by this number of standard uncertainties; one
+exclusion in a thousand is wrong."""
 DENIABLE = 3.0
 """Largest change that the verdict "unchanged" can hide, in multiples of U."""
 

@@ -93,8 +93,8 @@ def require_alike(before: Result, after: Result) -> None:
 
 
 def compare(before: Result, after: Result) -> Comparison:
-    """Return the changes. For an unchanged machine, the probability of any reported change is that
-    of a single quantity beyond k = 2.
+    """Return the changes. For an unchanged machine, the probability that any change is reported is
+    4.6 % (`chance.ERRS`).
 
     Raises ``DataError`` for results of different machines or states (`require_alike`), or without a
     common volume.
@@ -159,11 +159,12 @@ class _Asked:
 
 
 def _judged(before: Result, after: Result) -> tuple[Change, ...]:
-    """Return every change with its verdict: changed if it exceeds the largest chance difference of
-    all nodes and numbers, unchanged if a change above three U is excluded.
+    """Return every change with its verdict (`chance.Verdict`). A quantity is "changed" if its
+    difference exceeds the largest difference that chance causes in all nodes and numbers together.
 
-    A scatter beyond U affects all quantities of a survey. So the median of all differences widens
-    the limit of each quantity, unless the two surveys have different loaded tables.
+    If two surveys scatter more than their U, all quantities are affected. The limit of each
+    quantity is therefore widened by the scatter in the median of all differences, unless other
+    tables were loaded between the surveys.
     """
     asked = list(_changes(before, after))
     steps, u, whole = (

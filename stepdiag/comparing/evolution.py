@@ -8,29 +8,33 @@ The values of a quantity at N nodes in T surveys are
   all surveys with the same instruments (unmeasured angles, wavelength, sensors). The common part
   shifts all values equally; it is added again when a value is compared with a tolerance. A survey
   with other instruments has another common part, which is added to its ``u_own``.
-- ``u_own`` is widened by the whole machine's scatter beyond U, up to `LARGEST_SCATTER` times u: the
-  median of all differences between neighbouring surveys, less the part explained by ``u_own``. A
-  change affects a single difference of a quantity, not their median.
+- ``u_own`` is widened if the surveys of the machine scatter more than ``u_own`` explains. The
+  scatter is computed from the median of all differences between neighbouring surveys, less the part
+  explained by ``u_own``, and is at most `LARGEST_SCATTER` times u. A change affects a single
+  difference of a quantity, so it hardly affects the median.
 - ``g_j`` are courses: known breaks (loaded tables) are in every model; a step between two surveys,
   a line, a run-in 1 - exp(-t / tau), a season (sine and cosine of a year) are searched. A slope
   continues through breaks and steps.
 
-A course is accepted if its gain in likelihood (twice its logarithm, chi-squared) at its best node
-exceeds the largest chance gain of all questions about the machine (`stepdiag.comparing.chance`):
-nodes of all quantities times courses. Steps at surveys with a named event are tested first and
-count as few questions. Courses compete by
+The gain of a course is twice its gain in log-likelihood at its best node (chi-squared). A course is
+accepted if its gain exceeds the largest gain that chance causes in all tests of the machine
+(`stepdiag.comparing.chance`). The number of tests is the number of nodes of all quantities times
+the number of courses. Lines, and steps at surveys with a named event, are tested first; in this
+first test, only these few courses are counted. Courses compete by
 
     log evidence = gain / 2 - log(number of courses of their kind)
 
 so the course with the largest evidence is accepted first, and the search continues with the
-remaining courses. Its share of the evidence of all courses is its probability: the interval of
-"since when" contains `HELD` of the steps' evidence, and a line has a day of leaving only where
-steps and run-ins have less than the rest. A season, which fits any levels of two or three visits,
-is accepted only if steps and lines have less than 1 - `HELD` of the evidence.
+remaining courses. The probability of a course is its share of the evidence of all courses. The
+interval in which a step began contains `HELD` of the evidence of all steps. The latest date at
+which a line leaves the tolerance is given only if lines have at least `HELD` of the evidence,
+because a step or a run-in does not continue. A season can fit any values of two or three visits a
+year; it is accepted only if steps and lines have less than 1 - `HELD` of the evidence.
 
-Verdicts: "changed" for an accepted course. "unchanged" if none is accepted and a change of three U
-is excluded at any survey, including a change that is reversed before the next survey, which no step
-shows. Otherwise "undecided", with the number of further surveys that would decide.
+A quantity is "changed" if a course is accepted. It is "unchanged" if no course is accepted and a
+change of three U is excluded at every survey. This also excludes a change that is reversed before
+the next survey (`_lone`). Any other quantity is "undecided"; the result then contains the number of
+further surveys that would decide.
 """
 
 import math
@@ -62,8 +66,8 @@ RUN_INS = (0.1, 0.25, 0.5)
 """Time constants of a run-in as shares of the observed time. A run-in with a longer constant looks
 like a line."""
 TOO_ALIKE = 1e-9
-"""A course counts as a combination of other courses if the square of its remainder, after their
-subtraction, is less than this share of the weights."""
+"""Other courses are fitted to a course and subtracted from it. If the squared remainder is less
+than this share of the weights, the course counts as a combination of these courses."""
 SEASON_YEARS, SEASON_SURVEYS = 1.0, 6
 """Period of a season in years, and the least number of surveys for a season: the surveys must
 contain more values than the season has unknowns."""
@@ -266,8 +270,9 @@ def _base(days: Calendar) -> Array:
 
 
 def _thresholds(candidates: "_Candidates", days: Calendar, questions: int) -> Array:
-    """Return the gain that any course reaches by chance with the probability `ERRS`, over all tests
-    of both rounds together."""
+    """Return the gain of each course above which the course is accepted, shape (courses,). For an
+    unchanged machine, the probability that a course exceeds its gain is `ERRS`, for all tests
+    together: the first tests (lines and named steps) and the tests of all courses."""
     events = int(np.count_nonzero(days.named[1:]))
     first = np.array(
         [
@@ -430,7 +435,8 @@ def _lone(u: Array, values: Array, weights: Array, days: Calendar) -> Mask:
     """Return the nodes at which a single survey can be off by `DENIABLE` U, shape (nodes,): a step
     does not show a change that was reversed before the next survey.
 
-    The first and the last survey after a known break can be off because of a step.
+    The first and the last survey between two known breaks are not tested, because a step shows a
+    change there.
     """
     found: Mask = np.zeros(values.shape[1], dtype=bool)
     for level in _base_levels(days):

@@ -1,5 +1,5 @@
-"""The chain of custody through a store: index, table, result, logs; from there as in a folder
-(`certificate.custody`).
+"""The chain of custody through a store: index, table, result, logs. `certificate.custody` checks
+the links after the logs, as for a survey in a folder.
 
     index           each row of a survey is equal to the row in the table of the survey
     table           contains the SHA-256 of its result and has the numbers of this result; its
@@ -122,8 +122,8 @@ def _fetched(store: Store, place: Place, folder: Path) -> pa.Table:
 
 
 def _require_table(place: Place, data: bytes, result: bytes) -> pa.Table:
-    """Return the table of a survey. Raises BrokenLinkError for a table that does not follow from
-    its result.
+    """Return the table of a survey. Raises BrokenLinkError if the table differs from a table made
+    of its result.
 
     If the same library version wrote the table, its bytes are compared too, because readers also
     use the statistics and the names of the columns.

@@ -47,8 +47,8 @@ IN_FLIGHT = 200
 RETRIES = 3
 """Number of repetitions for a survey after the loss of its worker or of the store."""
 ROUNDING = 0.002
-"""Tolerance (um, urad, um/m) between two results of the same readings: a larger difference exceeds
-the last written digit."""
+"""Tolerance (um, urad, um/m) between two results of the same readings; it is above the rounding of
+the written values."""
 WORKER_MEMORY = 2 * 10**9
 """Largest memory in bytes of a worker on this computer."""
 PATIENCE_S = 20
@@ -57,8 +57,9 @@ PATIENCE_S = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solved:
-    """The outcome of solving a survey again. ``changed`` contains the changed values. ``reason``
-    is the reason of a missing result, or the survey file that replaced the one in the logs."""
+    """The outcome of solving a survey again. ``changed`` contains the changed values. ``reason`` is
+    the reason why there is no new result. If another survey file replaced the survey file in the
+    logs, ``reason`` names the other file."""
 
     place: Place
     outcome: Literal["the same bytes", "solved anew", "failed"]

@@ -170,8 +170,8 @@ def _doubt(survey: Survey, now: datetime) -> Message | None:
 
 
 def middle_of(shown: Array) -> Array:
-    """Return the values for the comparison, shape (surveys, 1): the middle of an interval, or
-    without an interval the value (value, u, low, high)."""
+    """Return the values for the comparison, shape (surveys, 1): the middle of the interval, or the
+    value itself without an interval. The columns of ``shown`` are value, u, low, high."""
     middle = shown[:, 2:].mean(axis=1)
     return np.where(np.isfinite(middle), middle, shown[:, 0])[:, None]
 

@@ -11,7 +11,8 @@ A hash protects every byte behind a value. `archived.json` contains the hashes o
 files and of its table in a canonical form, so every changed byte of this file is detected. The
 index begins with the hash of its remaining bytes.
 
-Two writers at once write under different names, and rename. Names of machines are percent-encoded.
+Each writer writes under its own temporary name and then renames the file, so two writers can work
+at once. Names of machines are percent-encoded.
 """
 
 import hashlib
@@ -200,10 +201,10 @@ class Store:
     def write_checked(
         self, name: str, data: bytes, meaning: Callable[[bytes], str] = sha256
     ) -> bytes:
-        """Write a file, read it back and return its bytes. An existing file with the same meaning
-        stays, unless it must be replaced.
+        """Write a file, read it back and return its bytes. An existing file stays. ``meaning``
+        returns the content by which two files are compared, by default the SHA-256.
 
-        Raises DataError if the existing file has another meaning, or if other bytes are read back.
+        Raises DataError if the existing file or the bytes read back have another content.
         """
         wanted = meaning(data)
         if not self.exists(name):
@@ -338,8 +339,8 @@ def _is_hash(text: object) -> bool:
 
 
 def _local_tables(root: Path) -> Iterator[str]:
-    """Yield the same paths as a glob in a tenth of the time, because only the names in a folder are
-    read."""
+    """Yield the paths of all tables in a local store. Only the names in each folder are read, which
+    takes a tenth of the time of a glob."""
     for machine in _names(root, "machine="):
         for year in _names(root / machine, "year="):
             yield from (
@@ -365,8 +366,8 @@ def _place_of_path(path: str) -> Place:
 
 
 def _publish(part: Path, target: Path, *, anew: bool) -> None:
-    """Rename a written file to its name. On a share with links, an existing file of another writer
-    stays."""
+    """Rename a written file to its name. On a share that supports hard links, an existing file of
+    another writer stays."""
     if not anew:
         try:
             target.hardlink_to(part)

@@ -199,7 +199,7 @@ def read_table(store: Store, place: Place) -> pa.Table:
     the list of the survey's files.
 
     Without a hash (older versions), the rows are compared with the rows of its result. Raises the
-    DataError of `from_parquet` and `Store.listed`, also for other bytes or rows.
+    DataError of `from_parquet` and `Store.listed`, and DataError if the hash or the rows differ.
     """
     return _rows_in(store, place, store.listed(place).table)
 

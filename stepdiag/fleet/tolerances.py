@@ -36,8 +36,8 @@ class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return self.machine.get(machine, {}).get(quantity, self.all.get(quantity))
 
     def together_with(self, given: Mapping[str, float]) -> "Tolerances":
-        """Return these tolerances and tolerances from outside the file, which apply to every
-        machine."""
+        """Return the tolerances of the file together with the tolerances ``given``, which apply to
+        every machine and have priority."""
         own = {
             name: {quantity: value for quantity, value in of.items() if quantity not in given}
             for name, of in self.machine.items()
@@ -48,8 +48,8 @@ class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 def tolerances_in(store: Store) -> Tolerances:
     """Return the tolerances in the store's file, empty without a file.
 
-    Raises UsageError for an invalid file, DataError for another hash in the file beside it
-    (``sha256sum tolerances.toml > tolerances.toml.sha256``).
+    Raises UsageError for an invalid file. Raises DataError if a hash file exists and contains
+    another hash (``sha256sum tolerances.toml > tolerances.toml.sha256``).
     """
     if not store.exists(FILE):
         return Tolerances()

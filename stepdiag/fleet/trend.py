@@ -47,7 +47,8 @@ CONFORMITY: dict[str, Conforming] = {
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaving:
     """The time at which the line of a series reaches the tolerance, and the interval of this time
-    at k = 2; None means not before `LATEST`. ``tolerance`` is negative for a falling line."""
+    at k = 2. A time is None if it is after `LATEST`. ``tolerance`` is negative for a falling
+    line."""
 
     tolerance: float
     earliest: datetime | None
@@ -94,8 +95,9 @@ class Trend:
         return tuple(each for each in self.explained.courses if each.kind == "step")
 
     def cause(self, course: Course) -> Message | str:
-        """Return the events in the time in which a step can be; empty if no survey contains an
-        event."""
+        """Return the possible causes of a step: the event stated in a survey between the last
+        survey before the step and the first survey after it, and the loading of tables. The result
+        is empty without a cause."""
         surveys = self.series.surveys
         named = [
             surveys[at].event
@@ -181,8 +183,8 @@ def _own(series: Series) -> Array:
     nodes).
 
     The part that is common to surveys with the usual instruments is left out. Surveys with other
-    instruments have another common part: a single deviation in n surveys, with the effect of a
-    deviation sqrt(n) times as large in each survey.
+    instruments have another common part. It is the same deviation in n surveys, so it is treated as
+    an independent deviation of sqrt(n) times this size in each of the n surveys.
     """
     common = series.common[:, None] * series.u
     squared = series.u**2 - common**2
@@ -198,8 +200,9 @@ def _own(series: Series) -> Array:
 
 
 def rank(trend: Trend) -> tuple[int, float]:
-    """Return a measure of the last value of a trend: first whether the value exceeds its
-    tolerance, then its ratio to the tolerance, or without a tolerance its ratio to U."""
+    """Return a key that sorts trends by their last value. The first number is that of the state of
+    the value (outside, perhaps, inside). The second number is the ratio of the value to its
+    tolerance, or without a tolerance to its U."""
     last = trend.last
     scale = trend.tolerance or 2 * (last.u or 0.0)
     beyond = STATES.index(trend.outside) if trend.outside in STATES else len(STATES)

@@ -21,8 +21,8 @@ standard uncertainty in a single pass; the uncertainty common to all passes."""
 def turns_of(section: Head, each: Pass) -> Turns:
     """Return the rotations of a pass that the survey file names for its axis (``head.angles.x``).
 
-    The sign of an instrument on the workpiece side is reversed. Raises DataError for stops with
-    another number of angles than names.
+    The sign of an instrument on the workpiece side is reversed. Raises DataError if the number of
+    angles at a stop differs from the number of names.
     """
     axis = each.route.travel.axis
     turns, run = section.angles.turns(axis), section.run_along(axis)

@@ -10,8 +10,8 @@ from stepdiag.solver.fourdof.head import Crosstalk, Head, Light
 
 
 def calibrated(file: HeadFile) -> Head:
-    """Return the head of a calibration file, with its distance as the travel. A missing field has
-    the ideal value."""
+    """Return the head of a calibration file. For this head, the travel in `motion` is the distance
+    from the laser. A missing field has the ideal value."""
     lever = file.lever or LeverTable()
     return Head(
         qd=_detector(file.qd),

@@ -39,8 +39,8 @@ from stepdiag.solver.fourdof.regression import (
 )
 
 FARTHEST_MM = 0.35
-"""Distance in mm from the run's line beyond which a standstill is only the approach to a jog; the
-axis reached it from the other side."""
+"""A standstill farther than this distance in mm from the run's line is not a jog but only the
+approach to a jog, which lets the axis reach every jog from the same side."""
 LONG_S = 8.0
 """Shortest duration in s of a standstill in which a person wobbles the laser or the program waits:
 the beam's direction changes, so each `ROW_S` is a row of the regression."""
@@ -53,13 +53,14 @@ DARK, LIT = 0.2, 0.8
 second full light, between them the beam was being cut."""
 LEAST_DARK = 20
 LEAST_WITHIN = 0.003
-"""Least relative tolerance within which the sums count as sums under the same light; three times
-the variation in the run is used if it is larger."""
+"""Smallest relative tolerance within which two sums count as equal light. If three times the
+variation of the sums in the run is larger, that value is used."""
 MOST_APART = 0.02
 """Change of a sum's share by a jog above which the detector clips the spot."""
 STUCK = 0.25
-"""Share of readings at the highest value, even at one end of the travel only, above which a sum has
-reached the limit of its electronics: readings of light have noise."""
+"""If more than this share of a sum's readings has exactly the highest value, the sum has reached
+the limit of its electronics, because readings below the limit have noise. One end of the travel is
+enough."""
 NOMINAL = {
     "qd": AxisTable(kind="erf"),
     "psd1": AxisTable(low=-0.95, high=0.95),
@@ -181,7 +182,7 @@ def _standstill_rows(
     """Return the rows of standstills with light, and the means of their channels (N, 9). A
     standstill has one row; a long standstill at an end of the travel has many.
 
-    These rows do not yet contain the values by the curves and the noise.
+    In these rows, the readings ``seen`` and the noise are still empty.
     """
     along = AXES.index(axis)
     place = np.array([one.position_mm[along] for one in lit])

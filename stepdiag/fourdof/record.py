@@ -174,7 +174,7 @@ async def _listen(
     seconds: float,
     on_batch: Callable[[Samples], None] | None,
 ) -> None:
-    # only a port of this computer needs Linux, not a file
+    # imported here, because only the recording from a port needs Linux
     from stepdiag.daq.links.ports.serial import instrument_line
     from stepdiag.daq.recording.survey_links import serial_settings
 

@@ -37,13 +37,14 @@ from stepdiag.solver.standards.straightness import residuals_um
 CHANNELS = 9
 QD_ONLY = 3
 SHIFT_SHARE = float(0.5 / np.sqrt(6.0))
-"""Share of a beam's parallel shift in a pass that appears in the straightness (rms). A shift of 1
-moves the spot by 1 and the straightness by half. After removal of the end-point line, the rms of a
-random shift over the pass (a Brownian bridge) is 1 / sqrt(6)."""
+"""Share of a beam's parallel shift in a pass that appears in the straightness (rms). A parallel
+shift moves the spot by the same amount and the straightness by half of this amount. After removal
+of the end-point line, the rms of a random shift over the pass (a Brownian bridge) is 1 /
+sqrt(6)."""
 QD, PSD1, PSD2 = (0, 1, 2), (3, 4, 5), (6, 7, 8)
 APART = 3.29
-"""Multiple of u above which the rms difference of two passes is more than chance (99.9 %), even if
-their errors are fully correlated."""
+"""Multiple of u above which the rms difference of two passes is more than chance (99.9 %). The
+limit also holds if all errors within a pass are equal."""
 WAVELENGTH_NM = 650.0
 """Wavelength of the head's red laser in nm, which only limits the curvature of the spot's
 growth."""
@@ -80,8 +81,8 @@ def evaluate_head(
     """Return the results of the 4-DOF head from its complete passes.
 
     ``files`` contains the calibration by its name in the survey, ``level`` the angular functions
-    known from other instruments: a roll moves a cube that is off the axis. Raises DataError for a
-    calibration of another head, and for a missing distance of the laser.
+    known from other instruments. The roll is needed, because it moves a cube that is off the axis.
+    Raises DataError for a calibration of another head, and for a missing distance of the laser.
     """
     driven = [each for each in passes if each.whole and each.route.travel.is_fourdof]
     if not driven or survey.head is None:
@@ -371,12 +372,12 @@ def _calibration_noise(
 
 
 def _bent_growth_um(found: Motion, distance: Vector, head: Head, share: Vector) -> Vector:
-    """Return the standard uncertainty (k = 1) of the straightness, in um, shape (N, 2), because the
-    QD's gain does not grow linearly between both ends.
+    """Return the standard uncertainty (k = 1) of the straightness in um, shape (N, 2), that comes
+    from the assumed linear growth of the QD's gain between both ends.
 
     The radius of a beam grows with the square of the distance from its waist; a waist in the middle
     of the path gives the largest departure from the chord. The place of the waist is unknown, so
-    any departure up to the largest one is equally probable (GUM 4.3.7).
+    all departures from zero to this largest departure are equally probable (GUM 4.3.7).
     """
     radius_mm = (
         1e-3 * np.sqrt(2.0) * abs(head.qd.x.curve.coefficients_um[1])

@@ -5,8 +5,8 @@ A column is selected by ``FUNCTION=[-]COLUMN[UNIT]~U``, for example ``EBX=-Pitch
 the standard uncertainty (k = 1) in the unit of the column. Rows are in the order of driving. A pass
 ends at a reversal of the axis, or where the axis returns to its start in one step. If the reversal
 is a single stop, this stop ends the outward pass and begins the back pass. The value of a function
-at a target is the mean of all passes, for straightness of the passes with the same approach. u is
-the larger of the given uncertainty and the scatter of the passes.
+at a target is the mean of all passes. For straightness, it is the mean of the passes with the same
+approach. u is the larger of the given uncertainty and the scatter of the passes.
 """
 
 import math

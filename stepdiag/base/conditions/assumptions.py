@@ -58,8 +58,9 @@ interpolation error."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumptions:
-    """The assumed sizes of the error sources (k = 1, or a range where the text names one). The
-    default values are those of an ordinary machine with ball screws; zero switches a source off.
+    """The assumed sizes of the error sources: standard uncertainties (k = 1), unless the
+    description of a field states a range or a largest value. The default values are those of an
+    ordinary machine with ball screws; zero switches a source off.
 
     A size marked * is only the initial value: the solver estimates the size on this machine from
     the closure of the readings. Every other size is used unchanged.
@@ -79,10 +80,10 @@ class Assumptions:
     ``reading_um``: noise of a stop for which the log contains no noise.
 
     ``material_c``: temperature of the axes, ``u_material_c`` its standard uncertainty, which
-    applies to lengths at 20 C (to the readings if ``reduced_to_20_c``). ``material_stated``: the
-    survey file contains the temperature. ``shape_um``, ``squareness_urad``, ``scale_um_m``: usual
-    sizes of the errors of a machine of this class, used for errors that the survey does not
-    measure.
+    applies to lengths at 20 C. If ``reduced_to_20_c``, it applies to the readings.
+    ``material_stated``: the survey file contains the temperature. ``shape_um``,
+    ``squareness_urad``, ``scale_um_m``: usual sizes of the errors of a machine of this class, used
+    for errors that the survey does not measure.
     """
 
     angles_urad: float = 15.0

@@ -112,8 +112,8 @@ def _held_folder(target: Path) -> tuple[Path, int | None]:
 
 
 def _locked(handle: int) -> bool:
-    """Lock a folder; return False if another process has the lock. A file system without locks
-    gives True: no process removes a hidden folder there."""
+    """Lock a folder; return False if another process has the lock. Return True on a file system
+    without locks, because no process removes a hidden folder on this file system."""
     try:
         lock(handle)
     except BlockingIOError:

@@ -142,7 +142,8 @@ def make_readings(  # noqa: PLR0913 - one argument a column
     at_20_c: Sequence[bool] | NDArray[np.bool_] | None = None,
     turned: Sequence[bool] | NDArray[np.bool_] | None = None,
 ) -> Readings:
-    """Return readings from columns. Omitted columns are NaN, `NO_ZERO`, or as measured. Raises
+    """Return readings from columns. Without ``zero``, the column contains `NO_ZERO`. Without
+    ``at_20_c`` or ``turned``, the column is False. All other omitted columns are NaN. Raises
     ``ValueError`` for columns of different lengths."""
     count = len(setup)
     return Readings(
@@ -219,8 +220,8 @@ def parse_readings(text: str, source: str = "readings.csv") -> Readings:
 
 
 def in_mm(readings: Readings, source: str) -> Readings:
-    """Return readings from another program unchanged. Raises ``DataError`` for a volume so small
-    that its unit must be metres."""
+    """Check the unit of readings from another program and return the readings. Raises ``DataError``
+    for a volume so small that its unit must be metres."""
     size_mm = np.ptp(readings.position_mm, axis=0)
     if reads_like_metres(size_mm.tolist()):
         found = " x ".join(f"{each:g}" for each in size_mm)
@@ -338,7 +339,7 @@ def missing_stops(stops: NDArray[np.int64]) -> NDArray[np.int64]:
 def _refuse_half_zeros(
     readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str
 ) -> None:
-    """Refuse a pass with only some of its stops in a stretch of unbroken laser count: the origin of
+    """Refuse a pass in which only some of the readings have a ``zero`` number, because the zero of
     the other readings is unknown."""
     for key, rows in passes.items():
         without = readings.zero[rows] == NO_ZERO

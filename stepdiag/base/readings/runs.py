@@ -48,8 +48,8 @@ class Run:
         """Return the axis orders of the run, beginning with the order of its first repeat."""
         if not self.alternate or self.travel.kind not in ("step", "face"):
             return self.axis_orders
-        # the name of the setup gives the first order: a further setup in the plan leaves the orders
-        # of the others unchanged
+        # the first axis order depends only on the name of the setup, so that an additional setup in
+        # the plan does not change the orders of other setups
         first = self.travel.order[0] % max(len(self.axis_orders), 1)
         return (*self.axis_orders[first:], *self.axis_orders[:first])
 

@@ -28,7 +28,7 @@ def snapped_mm(
     volume.
     """
     snapped = position_mm.copy()
-    # a stop and the box, or two stops, each with their tolerance
+    # twice the tolerance: one for the stop, one for the node or the neighbouring stop
     near_mm = 2.0 * (volume.tolerance_mm if tolerance_mm is None else tolerance_mm)
     for axis in range(3):
         nodes = volume.nodes_mm(axis)
@@ -98,8 +98,9 @@ def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, floa
 
 
 def _rounded(edge_mm: float, slack_mm: float) -> float:
-    """Return an edge of the box, rounded to the whole mm within ``slack_mm``, otherwise to the
-    multiple of 0.1 mm within it, otherwise unchanged."""
+    """Return an edge of the box, rounded to whole mm if this changes the edge by at most
+    ``slack_mm``. Otherwise try a multiple of 0.1 mm in the same way, or return the edge
+    unchanged."""
     for decimals in (0, 1):
         if abs(round(edge_mm, decimals) - edge_mm) <= slack_mm:
             return round(edge_mm, decimals) + 0.0

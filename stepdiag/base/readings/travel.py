@@ -109,7 +109,8 @@ def _check_steps(
     corner = np.flatnonzero(stop % len(moved) == 0)
     ideal = np.array(volume.size_mm) * (stop[corner] // len(moved))[:, None] / steps
     off = np.abs(np.abs(position[corner] - position[0]) - ideal)[:, moved]
-    # two stops and two edges of the box contribute, each with its tolerance
+    # three times the tolerance, because the positions of two stops and of both edges of the box are
+    # uncertain
     if np.any(off > 3.0 * volume.tolerance_mm[moved]):
         worst = int(corner[np.argmax(off.max(axis=1))])
         raise DataError(
@@ -123,8 +124,8 @@ def _check_steps(
 def _check_ends(
     setup: Setup, position: Vector, signs: NDArray[np.int64], volume: Volume, where: str
 ) -> None:
-    """Check that a diagonal runs from corner to corner: a shorter diagonal has another direction or
-    a missing end."""
+    """Check that a body diagonal runs from corner to corner. A shorter diagonal has another
+    direction, or one of its ends is missing."""
     if setup.kind != "body":
         return
     travel = position[-1] - position[0]

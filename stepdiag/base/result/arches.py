@@ -42,8 +42,8 @@ class Between(NamedTuple):
         return waves
 
     def met(self, fields_um: Vector) -> Vector:
-        """Return, for each function, the sum of squares of the products of its arches (1 um high)
-        with error fields (k, 3 N), shape (functions,)."""
+        """Return for each function the sum of the squared scalar products of its arches (1 um high)
+        with the error fields (k, 3 N), shape (functions,)."""
         fields, found = (
             fields_um.reshape(len(fields_um), fields_um.shape[1] // 3, 3),
             np.zeros(len(self.component)),
@@ -58,13 +58,13 @@ class Between(NamedTuple):
         return found
 
     def across_um2(self, met: Vector) -> Vector:
-        """Return the cross term of drawn fields and deviations in the square sum over the points,
-        shape (draws,). Its mean over the draws is zero; the mean square of the deviations is added
-        elsewhere.
+        """Return twice the scalar product of each drawn error field and the drawn deviations
+        between the targets, summed over the points, shape (draws,). The mean over the draws is
+        zero. `Between.square_um` contains the mean square of the deviations.
 
-        An arch has one sign between two targets, and an error field changes little there, so the
-        products do not cancel (`met`). A volume with four increments has 36 arches; the sum of so
-        many products is normal.
+        The products do not cancel (`met`), because an arch does not change its sign between two
+        targets and an error field changes little between two targets. The sum has many terms (36
+        arches for four increments), so it is drawn from a normal distribution.
         """
         found: Vector = (
             2.0

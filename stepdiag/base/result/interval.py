@@ -71,7 +71,7 @@ class Predicted:
     as_it_is: dict[When, FieldFigures]
 
     def parts(self) -> dict[str, dict[When, FieldFigures]]:
-        """Return the values by the printed name of their part."""
+        """Return the values by their printed name: without rigid motion, and as it is."""
         return {"without rigid motion": self.without_rigid_motion, "as it is": self.as_it_is}
 
 

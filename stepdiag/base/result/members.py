@@ -218,8 +218,8 @@ class UnseenSlip:
     ``nearly_um`` the size that 95 % detect. ``volume_um`` is the effect of a slip of ``half_um`` on
     the volume (rms). A value is None if a slip of any size is undetected.
 
-    ``passes`` are the passes in which a slip of ``half_um`` affects the volume more than the noise
-    of the readings, ``readings_um`` (k = 1).
+    ``readings_um`` is the effect of the noise of the readings on the volume (k = 1). ``passes`` are
+    the passes in which a slip of ``half_um`` has a larger effect.
     """
 
     setup: str
@@ -303,8 +303,8 @@ class Difference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadStraightness:
-    """A straightness measured by the 4-DOF head, for each of its reference lines; ``misclosure``
-    above 1 contradicts the diagonals."""
+    """A straightness measured by the 4-DOF head, for each of its reference lines. If ``misclosure``
+    is above 1, the head and the diagonals contradict each other."""
 
     passes: int
     end_point_um: float

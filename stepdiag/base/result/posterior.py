@@ -8,8 +8,8 @@ of a common cause. ``rest`` contains the small or isolated deviations, whose val
 independently. The intervals of all volumetric values are computed from the posterior.
 
 The last modes belong to causes of unknown size. Several sizes are equally likely. For each size,
-the amount of such a mode is ``shift + scale z`` instead of z, with a mean square of one over all
-sizes.
+the amount of such a mode is ``shift + scale z`` instead of z. The mean square of these amounts,
+averaged over all sizes, is one.
 """
 
 from collections.abc import Mapping

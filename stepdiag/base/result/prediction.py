@@ -32,9 +32,9 @@ VOLUMETRIC_RMS, VOLUMETRIC_LARGEST = "volumetric_rms_um", "volumetric_largest_um
 TAIL = 0.02275
 """Probability of a normal value beyond k = 2 on one side."""
 BELOW = 0.005
-"""Probability below the lower end of the interval of the volume. Assumed errors (drift, warmth,
-air) are drawn with their assumed or estimated size, and a good machine has none of them. With k = 2
-on both sides, one in eight good machines was below the interval."""
+"""Probability below the lower end of the interval of the volume. This probability is smaller than
+`TAIL`, because assumed errors (drift, warmth, air) are drawn even if the machine does not have
+these errors. With k = 2 on both sides, one in eight good machines was below the interval."""
 BETWEEN_SHARE = 8.0 / 15.0
 """Mean square of an arch (a parabola between two targets), divided by the square of its height."""
 
@@ -102,7 +102,8 @@ def interval_of(drawn: Vector, known: bool, most: float | None = None) -> Interv
     """Return the median of draws, and the interval with the share `BELOW` of the draws below it and
     `TAIL` above it.
 
-    With a tolerance ``most``, the interval also contains the share of draws up to the tolerance.
+    With a tolerance ``most``, ``Interval.within`` is the share of draws that do not exceed the
+    tolerance.
     """
     low, value, high = (float(end) for end in np.quantile(drawn, (BELOW, 0.5, 1.0 - TAIL)))
     if not known:
@@ -162,8 +163,9 @@ def squares_um2(
 
 class _Drawn(NamedTuple):
     """The error fields of drawn machines. ``whole`` (deviations, 3 N) is multiplied by the amounts
-    of each machine. ``likely`` (3 N,) is the centre of the draws without its noise. ``over_um2``
-    (draws,) is the excess of the square sum of a drawn field over all points."""
+    of each machine. ``likely`` (3 N,) is the mean field of the draws without the noise of the
+    estimate. ``over_um2`` (draws,) is the amount by which the square sum of a drawn field over all
+    points is too large."""
 
     whole: Vector
     likely: Vector
@@ -202,8 +204,9 @@ class _Machines(NamedTuple):
         }
         for when, change in changes.items():
             field = found + change
-            # tables remove the estimated error together with its noise; the effect of noise on the
-            # curve between the values stays in both fields
+            # tables remove the estimated error and the noise in it, so ``common_um2`` decreases
+            # with the correction; the noise of the curve between the values (``bent_um2``) stays in
+            # both fields
             over_um2 = common_um2 * float(
                 np.clip(np.sum(found * field) / square_um2, 0.0, 1.0)
             )
@@ -214,8 +217,8 @@ class _Machines(NamedTuple):
         return fields
 
     def _shared_um2(self, motions: Vector | None) -> tuple[float, float]:
-        """Return the covariance of the complete error with the noise of the estimate, and the
-        variance of the contribution of the smooth curve, each summed over the points."""
+        """Return two sums over the points: the covariance of the complete error with the noise of
+        the estimate, and the variance of the part between the targets by the smooth curve."""
         moved, noise, bent = (
             _flat(each, None) for each in (self.moved, self.noise, self.bent)
         )
@@ -268,7 +271,7 @@ class _Machines(NamedTuple):
         over all points agrees with `figures`.
 
         The correction for noise and for the arches between the targets is known only for the whole
-        volume. It is distributed over the points in proportion to their squared error.
+        volume. Each point gets a part of this correction in proportion to its squared error.
         """
         fields = (self.amount @ drawn.whole).reshape(len(self.amount), -1, 3)
         square: Vector = np.sum(fields**2 + self.between.square_um(slice(None)), axis=2)
@@ -370,10 +373,10 @@ def _common_um2(moved: Vector, noise: Vector, together: Vector) -> float:
     """Return the covariance, summed over the points, of the complete error and of the error
     determined without a prior.
 
-    The square sum of the estimate contains machine and noise, and draws around the estimate contain
-    the noise once more. The square sum of the machine is therefore smaller than that of the draws
-    by twice this covariance (the bias of Stein 1956). ``noise`` and ``moved`` are rows of
-    deviations, ``together`` is the covariance of their amounts.
+    The estimate contains the noise, and each draw around the estimate contains noise again. The
+    square sum of the machine is therefore smaller than that of the draws by twice this covariance
+    (the bias of Stein 1956). ``noise`` and ``moved`` are rows of deviations, ``together`` is the
+    covariance of their amounts.
     """
     return float(np.sum((together @ noise[1:]) * moved[1:])) if len(noise) > 1 else 0.0
 
@@ -415,8 +418,8 @@ def _volumetric_u_um(posterior: Posterior, fields_um: Vector, motions: Vector) -
     between = sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())
     sized = posterior.sized
     own = moved[1 + posterior.count - sized.scale.shape[1] : 1 + posterior.count]
-    # at each equally likely size, the common effect of the modes of unknown size is added to the
-    # effects of the single modes
+    # the shifts of the modes of unknown size are not independent: their common effect replaces the
+    # sum of their single effects
     together = np.sum((sized.shift @ own) ** 2) / len(sized.shift) - np.sum(
         np.mean(sized.shift**2, axis=0) @ own**2
     )

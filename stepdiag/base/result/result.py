@@ -58,7 +58,8 @@ POSITIONING = ("EXX", "EYY", "EZZ")
 SQUARENESS = ("C0Y", "B0Z", "A0Z")
 AXIS_LETTERS = tuple(axis.upper() for axis in AXES)
 _MOST_PASSES = 1000
-"""Largest number of passes of a setup in a result that contains only their number."""
+"""Largest number of passes of a setup in a result of the closed forms, which contains no list of
+the passes."""
 _NUMBERS = re.compile(r"\[\n\s+-?\d[-+.,\dEe\s]*\]")
 _NUMBER = ("value", "u", "u_readings")
 DECIMALS = 6

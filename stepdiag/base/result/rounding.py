@@ -7,7 +7,8 @@ ANOTHER_PROCESSOR = 1e-4
 """Difference in um or urad below which two results count as equal: 0.1 nm is below every
 measurement and below the resolution of every control."""
 _SLACK = 3
-"""Number of further decimals of the first rounding, which removes the last bits of a sum."""
+"""A value is first rounded to this number of further decimals, which removes the last bits of a
+sum."""
 
 
 def steady(value: float, decimals: int) -> float:

@@ -15,7 +15,7 @@ from stepdiag.base.volume import Vector, Volume
 
 MOST_CELLS, MOST_STRETCHES = 10, 10
 FEWEST = 8
-"""Number of points over which one mean square of the error is computed."""
+"""Smallest number of points in a cell from which the mean square of the error is computed."""
 CLEARLY, LEAST_UM = 1.02, 0.1
 """Smallest increase of the error after compensation, as a factor and in um, that counts as harm:
 the rounding of tables causes smaller increases."""
@@ -41,8 +41,8 @@ class Stretch:
 def harmed(
     result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0
 ) -> list[Stretch]:
-    """Return the stretches in which a correction (N, 3) increases the predicted error, up to the
-    upper end of the interval.
+    """Return the stretches in which a correction (N, 3) increases the predicted error and the upper
+    end of its interval.
 
     Arguments as in `solver.result.prediction.predicted`. Neighbouring cells form one stretch. The
     worst stretch comes first; its points are left out of the stretches of other axes.

@@ -33,29 +33,31 @@ FEW_VALUES = 6
 """Number of values up to which the waves of a function cannot be separated from its bends. The
 logarithm of the size is then the mean of the measured and the usual logarithm."""
 OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
-"""Factor by number of values: drawn functions of five half waves differ from the smooth curve by
-this factor more than so few values show, because their waves are not longer than two increments."""
+"""Factor on the difference from the smooth curve, by the number of values. A function with few
+values shows too small a difference, because its waves are not longer than two increments. The
+factors were computed from drawn functions of five half waves."""
 _AT_ENDS = 4.3
-"""Sum of the squared differences between waves and their spline in the four end cells, in squares
-of the difference between the waves and a parabola through three values. The spline differs from
-waves by 1.34 times that difference in the first cell from either end, and by 0.59 times in the
-second cell (computed for waves of 2.2 to 5 increments)."""
+"""Sum over the four end cells of the squared difference between waves and their spline, divided by
+the squared difference between the waves and a parabola through three values. The ratio of these two
+differences is 1.34 in the first cell from either end and 0.59 in the second cell (computed for
+waves of 2.2 to 5 increments)."""
 _SEEN, _ALIASED = 0.6, 0.45
 """Cosines of half the phase step of a wave from value to value. Waves down to 3.4 increments appear
 with their true length. A wave that appears shorter than 2.85 increments can be shorter than two
 increments, which a spline does not show."""
 _UNSEEN = 1.2
-"""Factor for functions with waves shorter than two increments: drawn functions are less certain at
-their ends, and differ more from the smooth curve than from a parabola through three values."""
+"""Factor on the difference from a parabola through three values, for functions with waves shorter
+than two increments: drawn functions differ more from the smooth curve than from this parabola, most
+of all at their ends."""
 _BENT, _BENT_TWICE = 6.0, 70.0
 """Variances of the second and the fourth difference of independent values, divided by the variance
 of the values."""
 
 
 def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
-    """Return the size of hidden waves between the targets of each displacement function, from finer
-    runs of the positioning function of its axis, or without such runs, from those of the other
-    axes.
+    """Return the size of hidden waves between the targets of each displacement function. The size
+    is that shown by a finer run of the positioning function of the same axis. Without this run, the
+    finer runs of the other axes are used.
 
     The pitch of a screw also moves the carriage sideways. No run measures this sideways motion, so
     the returned sizes are usual sizes.
@@ -77,9 +79,9 @@ def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
 
 
 def _beside_its_values_um(function: Function, nodes_mm: Vector) -> float | None:
-    """Return the rms difference between a function in the middle between two nodes and the smooth
-    curve through its values at the nodes, less the difference expected from the values and their
-    noise; None without measurements between the nodes."""
+    """Return the rms difference, in the middle between two nodes, between a function and the smooth
+    curve through its values at the nodes. The difference that the values and their noise already
+    explain is subtracted. Return None without measurements between the nodes."""
     at_mm, value = function.position_mm, function.value
     off = np.min(np.abs(at_mm[:, None] - nodes_mm), axis=1) > FINEST_MM
     if value is None or not np.any(off) or len(nodes_mm) < 3:
@@ -119,8 +121,8 @@ def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
 
 
 def hiding_functions(errors: Mapping[str, Function]) -> dict[str, float]:
-    """Return the functions whose possible waves between the targets exceed the gain of a table,
-    each with the size of these waves in um, from finer runs of other functions."""
+    """Return the size in um of the possible waves between the targets (`shown_finer_um`), for each
+    function whose waves can be larger than the gain of a table."""
     shown = shown_finer_um(errors)
     return {
         name: shown[name]
