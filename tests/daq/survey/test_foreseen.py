@@ -25,10 +25,10 @@ def test_a_survey_driven_once_is_told_the_slip_that_the_plan_foresees(n):
     # two increments check each other little: a slip stands out of four degrees of freedom
     assert 2.0 < ahead.unseen.half_um < (60.0 if n == 2 else 20.0)
     assert (
-        f"a slip of the laser's count of {ahead.unseen.half_um:.2g} µm in a diagonal could stay"
+        f"a slip of {ahead.unseen.half_um:.2g} µm in the laser's count of a diagonal could stay"
         in said.text
     )
-    assert f"cause {ahead.unseen.volume_um:.2g} µm of the volume's errors" in said.text
+    assert f"cause an rms error of {ahead.unseen.volume_um:.2g} µm in the volume" in said.text
     assert "return_pass = true" in said.text
 
 

@@ -202,7 +202,7 @@ def test_the_sense_of_the_cross_table_is_asked():
         (
             "v.csv",
             "X EXX EAX\n0.0 0.0 0.0\n10.0 0.0 0.00001\n",
-            r"expected EAX 0: the levers of this angle are unknown",
+            r"expected EAX = 0: the levers of this angle are unknown",
         ),
         ("v.csv", "X EXY\n0.0 0.0\n10.0 0.0\n", r"expected components of X, found EXY"),
         ("v.csv", "X EXX\n0.0 0.0\n10.0 0.0\n#\n", r"found an empty block"),

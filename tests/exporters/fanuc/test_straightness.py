@@ -220,7 +220,7 @@ def test_straight_lines_need_the_pitch_points_that_nobody_sets(interval_mm: byte
     with pytest.raises(SafetyError) as refused:
         codes(replace(of, existing=(elsewhere, sets)), ["EXX", "EZZ", "EXY"])
     assert refused.value.code == "profile-incomplete.pitch-points"
-    assert "EYY beside EXY" in str(refused.value)
+    assert "EYY in addition to EXY" in str(refused.value)
     codes(replace(of, existing=(elsewhere, sets)), ["EXX", "EYY", "EZZ", "EXY"])
 
 

@@ -133,8 +133,8 @@ class TestSinumerik:
         machine.held[name] = f"{float(machine.held[name]) + 1e-4:.4f}"
         (text,) = differs(machine).values()
         assert (
-            "1 numbers in the control differ from the written numbers. The first is at X 0 mm"
-            in text
+            "1 numbers in the control differ from the written numbers. "
+            "The first difference is at X 0 mm" in text
         )
 
     def test_another_grid_and_an_exchanged_axis_show(self) -> None:

@@ -222,7 +222,7 @@ class TestFagor:
             FAGOR, profile("fagor"), {"EYX": [0.0, 3.0, 6.0, 3.0, 0.0]}, ("EXX", "EYX")
         )
         assert [file.name for file in files] == ["fagor_AX1.csv"]
-        assert "stay in the machine, at most: EYX 6.0 µm" in next(
+        assert "stay in the machine (largest values): EYX 6.0 µm" in next(
             f.text for f in plan.findings if f.key == "function-left-out.no-table"
         )
 

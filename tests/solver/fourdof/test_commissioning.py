@@ -100,7 +100,12 @@ def test_calibrated_curve_knows_where_it_ends():
             {"degree": 1, "kind": "erf"},
             "found 7 such rows",
         ),
-        (np.linspace(-1, 1, 9), np.linspace(-1, 1, 9) ** 2, {"degree": 2}, "turns back"),
+        (
+            np.linspace(-1, 1, 9),
+            np.linspace(-1, 1, 9) ** 2,
+            {"degree": 2},
+            "both rises and falls",
+        ),
     ],
 )
 def test_calibration_run_that_decides_nothing_is_refused(reading, shift, options, words):

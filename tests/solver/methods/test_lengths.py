@@ -153,8 +153,8 @@ def test_what_the_user_states_of_the_temperature_stands_and_is_said(stated_c):
     result = solve(blind, assumed=stated)
     (said,) = [one for one in result.findings if one.code == "material-unmeasured"]
     assert said.severity == "warning"
-    assert f"within {stated_c:.2g} C (k = 1), the value of u_material_c" in said.text
-    assert "den Wert von u_material_c" in in_words(said, "de")
+    assert f"is {stated_c:.2g} C (k = 1), the value of u_material_c" in said.text
+    assert "der Wert von u_material_c" in in_words(said, "de")
     assert result.assumed.u_material_c == stated_c
     for scale in result.scale.values():
         assert stated_c * STEEL < scale.u < np.hypot(stated_c * STEEL, 10.0)

@@ -363,7 +363,7 @@ def test_rounding_that_adds_up_beyond_the_tolerance_is_refused_with_its_cause():
     bench = Bench(seed=3, increments=19)
     with pytest.raises(
         DataError,
-        match=r"of 19 equal steps .* a G91 program with rounded steps ends beside the corner",
+        match=r"of 19 equal steps .* A G91 program with rounded steps misses the corner",
     ):
         solve(
             Beside(

@@ -76,7 +76,7 @@ def test_an_uncertain_straightness_hardly_counts():
         ),
         (
             "position_mm,EYX_um,u_EYX_um\n0,0,1\n1,2,1\n1,2,1\n",
-            r"s\.csv: EYX: expected every position once a direction, found 1 mm twice",
+            r"s\.csv: EYX: expected every position once in each direction, found 1 mm twice",
         ),
         (
             "position_mm,approach,EYX_um,u_EYX_um\n0,2,0,1\n",

@@ -191,7 +191,8 @@ def test_stated_uncertainties_agree_with_the_scatter_of_many_surveys():
 @pytest.mark.parametrize("method", ["wang2000", "least-squares"])
 def test_a_missing_diagonal_is_named(method):
     with pytest.raises(
-        DataError, match="found no pnp; measure them, or use the method `estimate`"
+        DataError,
+        match="found no pnp; measure the missing diagonals, or use the method `estimate`",
     ):
         solve(Bench().survey(["ppp", "npp", "ppn"]), method=method)
 

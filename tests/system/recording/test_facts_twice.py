@@ -430,7 +430,8 @@ def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_
     )
     (size,) = set(
         re.findall(
-            r"\(npp\), pass 1 out, stop 5 \(a step of \+([0-9.]+) µm before it\)", reason
+            r"\(npp\), pass 1 out, stop 5 \(a jump of \+([0-9.]+) µm before this stop\)",
+            reason,
         )
     )
     assert float(size) == pytest.approx(20.0, abs=1.0)
