@@ -407,12 +407,11 @@ def test_what_the_walls_leave_open_is_named_in_both_languages(page: Page) -> Non
     )
     page.reload()
     expect(page.locator("#open")).to_have_text(
-        "On this computer, an attacker in the page's process reaches: signals, UDP and other "
-        "sockets."
+        "An attacker who controls the page can reach here: signals, UDP and other sockets."
     )
     page.locator("#language").click()
     expect(page.locator("#open")).to_have_text(
-        "Auf diesem Computer erreicht ein Angreifer im Prozess der Seite: Signale, UDP und "
-        "andere Sockets."
+        "Ein Angreifer mit Kontrolle über die Seite erreicht hier: Signale, UDP und andere "
+        "Sockets."
     )
     page.unroute("**/about.json")

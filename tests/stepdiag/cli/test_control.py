@@ -480,7 +480,7 @@ class TestReadBack:
         )
         assert told.code == 0, told.out
         assert re.search(
-            r"read back: \d+ numbers and 18 switches and weights in the control agree",
+            r"read back: \d+ numbers and 18 switches and weights of the control's tables agree",
             told.out,
         )
 

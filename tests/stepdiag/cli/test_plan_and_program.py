@@ -231,7 +231,7 @@ class TestPlan:
     def test_orders_are_named_where_several_are_driven(self, repeats, named):
         run = Run(setup="ppp", repeats=repeats, axis_orders=("xyz", "yzx", "zxy"))
         drives = shown(lines_in_words(Plan(volume=BOX, runs=(run,))))
-        assert ("in the orders xyz, yzx" in drives) is named
+        assert ("in the axis orders xyz, yzx" in drives) is named
         assert "zxy" not in drives
 
     @pytest.mark.parametrize(("count", "row"), [(4, True), (5, False)])
@@ -272,7 +272,7 @@ class TestPlan:
             file.write('[[export]]\ncontroller = "fanuc"\nprofile = "fanuc.toml"\n')
         told = stepdiag("plan", survey, "--minutes", 90)
         assert re.search(
-            r"tables by the position of one axis leave an error of 0\.\d+ µm",
+            r"tables that depend only on the position of one axis leave an error of 0\.\d+ µm",
             " ".join(told.out.split()),
         )
 

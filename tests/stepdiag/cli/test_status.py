@@ -231,7 +231,7 @@ def test_a_clock_that_was_never_set_is_named_until_the_time_is_stated(survey):
             in stepdiag(*(wrong if word == "TIME" else word for word in command)).refusal
         )
     assert (
-        "as the accepted finding"
+        "the acceptance of the finding"
         in stepdiag(
             "accept", survey, "ppp/1", "--reason", "x", "--begun", "2027-01-15T08:00"
         ).refusal

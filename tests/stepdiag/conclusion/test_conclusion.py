@@ -469,7 +469,7 @@ class TestBasis:
         assert "angular errors 7.5 µrad (range)" in text
         assert "air and wavelength 0.3 ppm" in text
         (text,) = self.said(tool={"up_to_um_per_100_mm": 3.21})
-        assert "at a distance of 100 mm can differ by up to 3.2 µm" in text
+        assert "A tool tip 100 mm away can have errors that differ by up to 3.2 µm" in text
 
     def test_the_file_says_the_same_as_the_result(self) -> None:
         """The index is some 1e-7: of the six decimals that a file keeps it left 0 ppm."""
@@ -486,9 +486,9 @@ class TestBasis:
             "assumed": {"air_pressure_hpa": 1013.25},
         }
         (text,) = self.said(conditions=conditions)
-        assert "p = 1013.25 hPa of the survey file is assumed" in text
+        assert "the survey file assumes p = 1013.25 hPa" in text
         (text,) = self.said("de", conditions=conditions)
-        assert "p = 1013,25 hPa aus der Vermessungsdatei" in text
+        assert "nimmt die Vermessungsdatei p = 1013,25 hPa an" in text
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c", "material_c": None})
         assert "U contains its uncertainty" in text
 

@@ -207,10 +207,10 @@ def test_a_control_that_does_not_answer_at_its_usual_port_is_asked_for_its_port(
         hall(tmp_path) as place,
         at_a_terminal("setup", file, *laser, *VOLUME, *usual, *named) as person,
     ):
-        person.answers("Enter its TCP port", "99999")
+        person.answers("Enter the TCP port", "99999")
         person.answers("expected a TCP port", "127.0.0.1")
-        person.answers("Enter its TCP port", str(closed))
-        person.answers("Enter its TCP port", str(modbus_port(place)))
+        person.answers("Enter the TCP port", str(closed))
+        person.answers("Enter the TCP port", str(modbus_port(place)))
         if not named:
             person.answers("Kind of control", "modbus")
         person.leaves()
