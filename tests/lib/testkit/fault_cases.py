@@ -25,7 +25,7 @@ COUNTED = (
     STOPPED + "[plc.signals.stop_count]\naddress = 1\n[plc.signals.setup]\naddress = 3\n"
 )
 SIGNALS = {"": "all", STOPPED: "`stopped` alone", COUNTED: "`stopped`, `setup`, `stop_count`"}
-FILES, OPEN, MISSING = "files", "no files: doubted", "no files: asked for again"
+FILES, OPEN, MISSING = "files", "no files: doubted", "no files: pass requested again"
 SWAPPED = {"swapped": (("ppp", "npp"), ("npp", "ppp"))}
 NEARLY = 1.3
 NOISE_UM = 0.05
