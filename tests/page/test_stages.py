@@ -331,8 +331,8 @@ def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None
     view = {**survey_view(now), **now_view(now)}
     assert view["setups"][0]["reason"] == {
         "en": str(reason),
-        "de": "Durchgang 1: Messpunkte 6–7 fehlen: ab Messpunkt 5 wiederholen oder den ganzen "
-        "Durchgang",
+        "de": "Durchgang 1: Messpunkte 6–7 fehlen: den Durchgang ab Messpunkt 5 oder "
+        "ganz wiederholen",
     }
     assert view["message"] == {
         "en": "the export for siemens was refused: p.toml: axes.X.step_mm: expected 57.5 mm, "

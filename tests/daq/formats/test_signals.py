@@ -210,7 +210,8 @@ def test_block_of_another_map_is_refused_by_signal() -> None:
     foreign = ModbusBlock(0, 1, (ReadRange("holding", 0, 4),), (bytes(8),))
     with pytest.raises(
         DataError,
-        match=r"signal x_mm: expected a block that contains holding 4-5, found holding 0\+4",
+        match=r"signal x_mm: expected a recorded block that contains holding 4-5, "
+        r"found holding 0\+4",
     ):
         SignalDecoder(CONTRACT_SIGNALS).decode(foreign)
 

@@ -69,7 +69,7 @@ def test_the_guide_shows_what_is_shipped(name):
         ),
         (
             S7 + '[plc.signals.stopped]\naddress = 1\ntable = "db1"\ntype = "bit"\nbit = 8',
-            "plc.signals.stopped.bit: expected 0 to 7 in db1",
+            "plc.signals.stopped.bit: expected 0 to 7, because an address in db1",
         ),
         (
             TNC + '[plc.signals.stopped]\naddress = 1\ntable = "B"\ntype = "int32"',

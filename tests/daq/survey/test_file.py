@@ -152,7 +152,10 @@ def test_sections_reach_their_places(tmp_path: Path) -> None:
             "[[plan]]\nrepeats = 2",
             'survey.toml: plan: expected a table, found [{"repeats": 2}]',
         ),
-        ('[plan]\nsetups = "ppp"', 'plan.setups: expected a list, each a text, found "ppp"'),
+        (
+            '[plan]\nsetups = "ppp"',
+            'plan.setups: expected a list, each entry a text, found "ppp"',
+        ),
         (
             '[plan]\nsetups = ["ppp", "ppp"]',
             'plan.setups[1]: expected every setup once, found "ppp"',
@@ -198,7 +201,7 @@ def test_sections_reach_their_places(tmp_path: Path) -> None:
         (
             "[environment]\nsource = 'laser'",
             (
-                'environment.source: expected "laser" with format = ids3010 or lasertex alone, '
+                'environment.source: expected "laser" only with format = ids3010 or lasertex, '
                 "found "
                 '"umd"'
             ),
@@ -285,7 +288,7 @@ def test_an_unknown_key_is_refused_with_the_nearest_known_one(
         ),
         (
             STOPPED + "[plc.signals.running]\naddress = 9\nscale = 2\n",
-            "plc.signals.running.scale: expected 1 and offset 0",
+            "plc.signals.running.scale: expected scale 1 and offset 0",
         ),
         (
             STOPPED + "[plc.signals.x_mm]\naddress = 9\nscale = 0\n",

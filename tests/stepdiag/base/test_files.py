@@ -30,7 +30,8 @@ def test_the_same_bytes_may_be_written_again_and_no_others(tmp_path: Path) -> No
     write_once(path, "one\n")
     with pytest.raises(
         UsageError,
-        match="expected no file, or the same bytes, found a file with different content",
+        match="expected no file, or a file with the same content, found a file with "
+        "different content",
     ):
         write_once(path, "two\n")
     assert path.read_bytes() == b"one\n"

@@ -275,7 +275,7 @@ def test_a_sample_rate_below_zero_is_told_as_the_board_said_it():
     """Code 8 is the rate in hundredths of a hertz (instruments 1.A)."""
     samples = decode(lines(line(1, code=8, data=-250)))
     assert [str(notice.why) for notice in samples.notices] == [
-        "the board reports a sample rate of -2.5 Hz: not used"
+        "the board reports a sample rate of -2.5 Hz, which is not used"
     ]
 
 
