@@ -59,7 +59,7 @@ STOP, STEP, PLACE, WALK, SCALE, PRODUCT, GROWN, TURNED, EXCHANGED = (
     "product",
     "growth",
     "sign of an angle",
-    "exchanged names",
+    "other names",
 )
 PRIOR = {
     GROWN: 0.5,
@@ -78,7 +78,7 @@ surveys had errors beyond U, with 0.2 10, and with 0.3 5. With a prior of 0.3, t
 errors of a warming machine is ambiguous.
 """
 PRIOR[EXCHANGED] = PRIOR[SCALE] / ODDS
-"""Two names of setups are exchanged in one survey of a hundred."""
+"""The programs of one survey in a hundred drive other diagonals than planned."""
 GROWING = 4.0 ** np.arange(12)
 """Squares of the equally likely standard deviations of a size, relative to the uncertainty by
 the readings."""
