@@ -4,8 +4,11 @@ file."""
 from dataclasses import replace
 
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import Place, message
+from stepdiag.base.messages import Argument, Message, Place, message, message_with
 from stepdiag.daq.survey.models import Survey
+
+NAMES = frozenset({"step-mismatch.names", "step-mismatch.programs"})
+"""Messages of the solver about other diagonals."""
 
 
 def with_line(survey: Survey, found: Finding) -> Finding:
@@ -16,17 +19,22 @@ def with_line(survey: Survey, found: Finding) -> Finding:
     it.
     """
     words = found.message
-    if words is None or words.key not in ("step-mismatch.names", "step-mismatch.programs"):
+    suspects = () if words is None else words.arguments.get("suspects", ())
+    likely = suspects[0] if isinstance(suspects, tuple) and suspects else words
+    if words is None or words.key not in NAMES or not isinstance(likely, Message):
         return found
-    open_names = words.key == "step-mismatch.programs"
-    named = words.arguments["suspects"][0].arguments if open_names else words.arguments
-    names = dict(zip(named["setups"], named["driven"], strict=True))
-    if set(names) != set(names.values()):
+    setups, driven = (_names(likely.arguments[name]) for name in ("setups", "driven"))
+    if set(setups) != set(driven):
         return found
-    order = ", ".join(f'"{names.get(name, name)}"' for name in survey.plan.setups)
-    line = {"line": "plan.setups", "value": f"[{order}]"}
-    if open_names:
-        asked = message("step-mismatch.order", suspects=words.arguments["suspects"], **line)
+    names = dict(zip(setups, driven, strict=True))
+    value = ", ".join(f'"{names.get(name, name)}"' for name in survey.plan.setups)
+    line = {"line": "plan.setups", "value": f"[{value}]"}
+    if suspects:
+        asked = message_with("step-mismatch.order", {"suspects": suspects, **line})
         return replace(finding("error", asked), among=found.among)
-    sure = message("step-mismatch.exchanged", **named, **line)
-    return finding("error", sure, Place(setup=next(iter(names)), pass_number=1))
+    sure = message("step-mismatch.exchanged", setups=setups, driven=driven, **line)
+    return finding("error", sure, Place(setup=setups[0], pass_number=1))
+
+
+def _names(argument: Argument) -> list[str]:
+    return [str(each) for each in argument] if isinstance(argument, tuple) else []
