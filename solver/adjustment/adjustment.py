@@ -403,9 +403,9 @@ class _Task:
         """
         count = len(self.layout)
         usual = _as_usual(current, self.effects, self.sizes)
-        turns = np.repeat(
-            [effect.name in TURNING for effect in self.effects],
-            [effect.count for effect in self.effects],
+        turns = np.array(
+            [each.name in TURNING for each in self.effects for _ in range(each.count)],
+            dtype=np.bool_,
         )
         pattern = usual.causes.pattern[:count]
         programs = Programs(
