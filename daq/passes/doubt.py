@@ -20,11 +20,12 @@ DRIVEN_AGAIN = frozenset(
         "noise-high.stop",
         "pass-wanders",
         "pass-wanders.which",
+        "step-mismatch.programs",
         "too-many-outliers",
     }
 )
 """Messages that contain a pass or stop to drive again."""
-STATED = frozenset({"step-mismatch.exchanged", "step-mismatch.scales"})
+STATED = frozenset({"step-mismatch.exchanged", "step-mismatch.order", "step-mismatch.scales"})
 """Messages that contain a line of the survey file, or a value to enter: driving again does not
 remove such a doubt.
 """

@@ -12,12 +12,13 @@ from stepdiag.base.findings import Finding, error, info
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import counts
-from stepdiag.solver.adjustment.evidence import ODDS, PLACE, PRODUCT, STEP
-from stepdiag.solver.adjustment.exchanged import exchange
+from stepdiag.solver.adjustment.evidence import DECIMALS, ODDS, PLACE, PRODUCT, STEP
+from stepdiag.solver.adjustment.exchanged import Programs, rows_of
 from stepdiag.solver.adjustment.explanations import (
     Explained,
     effects_beside,
     explained,
+    families_beside,
     most_odds_beside,
 )
 from stepdiag.solver.adjustment.faults import (
@@ -25,12 +26,18 @@ from stepdiag.solver.adjustment.faults import (
     TRIAL,
     Suspicion,
     effects_for,
+    families,
     most_suspicious,
     trial_of,
     weight_without,
     with_apart,
 )
-from stepdiag.solver.adjustment.naming import name_excess, name_explained, name_suspicion
+from stepdiag.solver.adjustment.naming import (
+    name_excess,
+    name_explained,
+    name_names,
+    name_suspicion,
+)
 from stepdiag.solver.adjustment.scatter import (
     FIRST,
     ROUNDS,
@@ -394,33 +401,46 @@ class _Task:
         )
 
     def _with_right_names(self, current: MixedFit) -> MixedFit:
-        """Exchange the readings of two setups and add a finding, if their names were exchanged.
-        Return the fit.
-
-        Names count as exchanged if only the exchanged names agree with all other readings.
-
-        The test omits the values of the 4-DOF head, because a wrong sign of the head can look like
-        exchanged names.
+        """Return the fit with the readings under their right names, and a finding, if only other
+        names agree with all other readings. If other names are probable, a finding lists them.
         """
-        usual = _as_usual(current, self.effects, self.sizes)
-        if heads := sum(len(one.position_mm) for one in self.straightness):
-            kept = np.ones(len(self.rows), dtype=np.bool_)
-            kept[len(self.layout) : len(self.layout) + heads] = False
-            usual = usual.of_rows(kept)
-        found = exchange(usual, self.layout)
-        if found is None:
-            return current
-        (first, second), change = found
         count = len(self.layout)
-        self.layout = replace(
-            self.layout, deviation_um=self.layout.deviation_um + change[:count]
+        usual = _as_usual(current, self.effects, self.sizes)
+        turns = np.array(
+            [each.name in TURNING for each in self.effects for _ in range(each.count)],
+            dtype=np.bool_,
         )
-        self.target += change
-        names = {
-            "first": self.layout.setups[first].name,
-            "second": self.layout.setups[second].name,
-        }
-        self.findings.append(error("step-mismatch.names", **names))
+        pattern = usual.causes.pattern[:count]
+        programs = Programs(
+            self.design,
+            self.layout,
+            self.target[:count],
+            self.usual_u[:count],
+            self.usual_scatter.misses_um[self.misses.kind],
+            pattern[:, turns],
+            (pattern * usual.size)[:, ~turns],
+            self.assumed,
+        )
+        odds = programs.other_names()
+        ranked = sorted(odds, key=lambda names: -round(odds[names], DECIMALS))
+        if not ranked or odds[ranked[0]] <= -np.log(ODDS):
+            return current
+        best, every = ranked[0], counts(current.fixed, self.layout)
+        others = [*families(current, every), *families_beside(current, self.layout)]
+        against = max(0.0, programs.most_odds(others))
+        least = max(against, odds[best]) - np.log(ODDS)
+        probable = [names for names in ranked if odds[names] > least]
+        if not probable:
+            return current
+        decided = probable == [best] and against <= least
+        self.findings.append(name_names(self.layout, probable, decided=decided))
+        if not decided or len(set(best)) < len(best):
+            return current
+        rows = rows_of(self.layout, best)
+        deviation_um = self.layout.deviation_um.copy()
+        deviation_um[rows] = self.layout.deviation_um
+        self.target[:count] += deviation_um - self.layout.deviation_um
+        self.layout = replace(self.layout, deviation_um=deviation_um)
         return self._find_scatter(self._fit_with_tilts(), robust=True)
 
     def _with_right_signs(self, current: MixedFit) -> MixedFit:

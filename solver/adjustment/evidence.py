@@ -58,7 +58,7 @@ STOP, STEP, PLACE, WALK, SCALE, PRODUCT, GROWN, TURNED, EXCHANGED = (
     "product",
     "growth",
     "sign of an angle",
-    "exchanged names",
+    "other names",
 )
 PRIOR = {
     GROWN: 0.5,
@@ -77,7 +77,7 @@ U was 17 with a prior of 0.1 for a scale, 10 with 0.2, and 5 with 0.3. With a pr
 cause of the errors of a warming machine is ambiguous.
 """
 PRIOR[EXCHANGED] = PRIOR[SCALE] / ODDS
-"""Two names of setups are exchanged in one survey of a hundred."""
+"""The programs of one survey in a hundred drive other diagonals than planned."""
 GROWING = 4.0 ** np.arange(12)
 """Squares of the equally likely standard deviations of a size, relative to the uncertainty by
 the readings."""

@@ -152,7 +152,7 @@ def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Counts) -
     mixture, because a product could otherwise explain it.
     """
     beside, single, wandering = (
-        list(_families(fit, layout)),
+        list(families_beside(fit, layout)),
         list(families(fit, every)),
         walks(fit, every),
     )
@@ -199,7 +199,9 @@ def explained(fit: MixedFit, layout: Layout, growth_um: Vector, every: Counts) -
 def most_odds_beside(fit: MixedFit, layout: Layout) -> float:
     """Return the log-odds of the best scale or product against no error, minus infinity if there
     are none."""
-    weighed = [one.weighed(fit, len(one.named)).log_odds for one in _families(fit, layout)]
+    weighed = [
+        one.weighed(fit, len(one.named)).log_odds for one in families_beside(fit, layout)
+    ]
     return float(np.max(np.concatenate([*weighed, [-np.inf]])))
 
 
@@ -277,7 +279,8 @@ def along_the_way_m(layout: Layout) -> Vector:
     return along
 
 
-def _families(fit: MixedFit, layout: Layout) -> Iterator[Family]:
+def families_beside(fit: MixedFit, layout: Layout) -> Iterator[Family]:
+    """Yield the scales of single setups and the products of two axes."""
     used = np.flatnonzero(fit.weight[: len(layout)] > 0)
     setups = np.unique(layout.setup_index[used])
     if len(setups) > 1:

@@ -175,17 +175,6 @@ def _on_way(fit: MixedFit, way: Way) -> Family:
     )
 
 
-def most_odds(fit: MixedFit, every: Counts) -> float:
-    """Return the log-odds of the best stop, step or walk against no fault, minus infinity if
-    there are no counts."""
-    single = list(families(fit, every))
-    weighed = [
-        family.weighed(fit, number_of(single, family.kind)).log_odds for family in single
-    ]
-    odds = np.concatenate([*weighed, [one.odds for one in walks(fit, every)], [-np.inf]])
-    return float(np.max(odds))
-
-
 def number_of(every: Sequence[Family], kind: str) -> int:
     return sum(len(one.named) for one in every if one.kind == kind)
 

@@ -10,6 +10,7 @@ from stepdiag.base.messages import Argument, Message, Place, message
 from stepdiag.base.readings.readings import PassKey
 from stepdiag.base.result.field import PRODUCTS
 from stepdiag.solver.adjustment.evidence import PLACE, PRODUCT, STOP, WALK
+from stepdiag.solver.adjustment.exchanged import Names
 from stepdiag.solver.adjustment.explanations import Explained
 from stepdiag.solver.adjustment.faults import LEAST_UM, Fault, Suspicion
 from stepdiag.solver.model.layout import Layout
@@ -40,6 +41,25 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
             among=among,
         )
     return warning("contradiction-ambiguous.stop", suspects=suspects)
+
+
+def name_names(layout: Layout, probable: Sequence[Names], *, decided: bool) -> Finding:
+    """Return the finding of setups that have probably measured other diagonals; ``decided`` if the
+    readings agree with one assignment alone.
+    """
+    setups = [setup.name for setup in layout.setups]
+    wrong = [
+        {setups[at]: setups[of] for at, of in enumerate(names) if at != of}
+        for names in probable
+    ]
+    named = [{"setups": list(each), "driven": list(each.values())} for each in wrong]
+    if decided and set(wrong[0]) == set(wrong[0].values()):
+        return error("step-mismatch.names", **named[0])
+    suspects = [message("suspect-names", **each) for each in named]
+    among = [key.place for key in layout.passes if any(key.setup in each for each in wrong)]
+    return finding(
+        "error", message("step-mismatch.programs", suspects=suspects), among=tuple(among)
+    )
 
 
 def name_excess(count: int) -> Finding:

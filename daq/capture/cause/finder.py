@@ -75,7 +75,12 @@ CODES: Mapping[str, Code] = {
     "laser.frames.scale": "step-mismatch.cause",
 }
 _NAMING = frozenset(
-    [*CODES.values(), "unexpected-position.cause", "unexpected-position.cause-left-out"]
+    [
+        *CODES.values(),
+        "unexpected-position.cause",
+        "unexpected-position.cause-code",
+        "unexpected-position.cause-left-out",
+    ]
 )
 
 
@@ -235,20 +240,14 @@ class CauseFinder:
     def _finding(self, cause: Cause) -> Finding:
         (line, value), *others = cause.changes
         more = [f"{name} = {to}" if to else name for name, to in others]
-        what, stops = cause.what or "", len(self.evidence)
-        code = CODES.get(line, "unexpected-position.cause")
-        if code == "unexpected-position.cause" and not value:
-            words = message(
-                "unexpected-position.cause-left-out",
-                what=what,
-                stops=stops,
-                line=line,
-                others=more,
-            )
+        about = {"what": cause.what or "", "stops": len(self.evidence), "line": line}
+        if value:
+            code = CODES.get(line, "unexpected-position.cause")
+            words = message(code, **about, value="; ".join([value, *more]))
+        elif more:
+            words = message("unexpected-position.cause-left-out", **about, others=more)
         else:
-            words = message(
-                code, what=what, stops=stops, line=line, value="; ".join([value, *more])
-            )
+            words = message("unexpected-position.cause-code", **about)
         return finding("error", words, Place(setup=cause.route.setup))
 
 

@@ -364,9 +364,12 @@ class Library:
 
     def _code_causes(self, setup: str | None) -> Iterator[Cause]:
         """Yield a cause for every other setup of the plan: the machine drives this setup, and the
-        signals' code states another.
+        signals' code states another. If another setup is complete, its code is right, so no offset
+        corrects all codes.
         """
         code = self.evidence.stands[0].signals.setup
+        signal = self.survey.plc.signals.get("setup")
+        right = not all(hint.wanted for hint in self.hints.values())
         for name in self.hints:
             number = next(
                 (
@@ -385,11 +388,13 @@ class Library:
                 stated=setup or message("unknown-setup"),
                 driven=name,
             )
+            offset = number - code + (signal.offset if signal else 0.0)
+            change = ("plc.signals.setup.offset", f"{offset:g}")
             yield Cause(
                 route,
                 kind=f"setup {name}",
                 what=what,
-                changes=(("plc.signals.setup.offset", str(number - code)),),
+                changes=(("plc.signals.setup", "") if right else change,),
             )
 
 

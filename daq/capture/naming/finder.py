@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
@@ -60,7 +61,7 @@ class PassFinder:
         """Return whether the machine drives a run of the 4-DOF head."""
         names: list[str | None]
         if signals.setup is None:
-            names = [self.walk.route.setup if self.walk else self._first_wanted()]
+            names = [self.walk.route.setup if self.walk else self._wanted(signals)]
         else:
             own = SETUP_NUMBERS.get(signals.setup)
             names = [own] if own else [*self._meant(signals.setup)]
@@ -73,7 +74,7 @@ class PassFinder:
             return min(hints, key=lambda item: not item[1].wanted, default=(None, None))[0]
         if self.walk is not None:
             return self.walk.route.setup
-        return self._returning(signals, reading_mm) or self._first_wanted()
+        return self._returning(signals, reading_mm) or self._wanted(signals)
 
     def _meant(self, code: int) -> list[str]:
         """Return the setups that a number may mean."""
@@ -92,8 +93,26 @@ class PassFinder:
                 return name if path.way == BACK and path.name is not None else None
         return None
 
-    def _first_wanted(self) -> str | None:
-        return next((name for name, hint in self._start.hints.items() if hint.wanted), None)
+    def _wanted(self, signals: Signals) -> str | None:
+        """Return the first wanted setup. If the machine stands at none of its stops, return the
+        setup at whose first stop the machine stands.
+        """
+        hints, there = self._start.hints, signals.commanded_mm
+        first = next((name for name, hint in hints.items() if hint.wanted), None)
+        if first is None or there is None or np.any(self._beside(first, there)):
+            return first
+        begun = [name for name in hints if self._beside(name, there)[OUT, 0]]
+        return min(begun, key=lambda name: not hints[name].wanted, default=first)
+
+    def _beside(
+        self, setup: str, position_mm: tuple[float, float, float]
+    ) -> NDArray[np.bool_]:
+        """Return at which stops of the possible passes of a setup a position is, shape (passes,
+        k).
+        """
+        hint = self._start.hints[setup]
+        routes = routes_of(self._survey.planned, setup, (*hint.numbers, *hint.others))
+        return np.array([route.beside(position_mm) for route in routes])
 
     def _unplanned(self, signals: Signals) -> Finding | None:
         if signals.setup is None or self._unplanned_reported:

@@ -56,7 +56,7 @@ def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, .
         words for name, words in OF_THE_STOPS.items() if name not in survey.plc.signal_names
     ]
     findings = [warning("signals-absent.position", whys=texts)] if texts else []
-    if "setup" not in survey.plc.signal_names and len(_diagonals(survey)) > 1:
+    if texts and "setup" not in survey.plc.signal_names and len(_diagonals(survey)) > 1:
         text = message("signals-absent.setup")
         findings.append(finding("warning", text))
     if missing:

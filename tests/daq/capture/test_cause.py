@@ -94,6 +94,73 @@ def test_what_the_survey_shows_is_named_before_a_file_is_written_and_corrected(
     assert "step-mismatch" not in (tmp_path / "again.json").read_text(encoding="utf-8")
 
 
+ORDERS = (
+    {"npp": "pnp", "pnp": "npp"},
+    {"npp": "pnp", "pnp": "ppn", "ppn": "npp"},
+    {"ppp": "ppn", "npp": "ppp", "pnp": "npp", "ppn": "pnp"},
+    {"ppp": "npp", "npp": "ppp", "pnp": "ppn", "ppn": "pnp"},
+)
+TWICE = ({"pnp": "ppn"}, {"ppp": "npp"})
+"""Setups whose programs drive other diagonals, and one whose program drives another's."""
+
+
+def shop_driving(machine, driven, seed):
+    """Return a shop of two increments whose programs drive other diagonals than planned."""
+    drawn, line = draw(seed), "plc.signals.setup" if machine == "all" else "plan.setups"
+    return Shop(
+        seed,
+        machine,
+        "other diagonal",
+        size=drawn.size,
+        back=drawn.back,
+        swapped=tuple(driven.items()),
+        line=line,
+    )
+
+
+@pytest.mark.parametrize(
+    ("seed", "machine", "driven"),
+    spread(
+        [
+            (seed, *case)
+            for seed, case in enumerate(
+                product(("stopped", "no positions", "none"), (*ORDERS, *TWICE)), 7010
+            )
+        ],
+        4,
+    ),
+    ids=str,
+)
+def test_no_file_of_other_diagonals_is_written(seed, machine, driven, tmp_path):
+    """A diagonal that is driven twice has no line: its program drives the wrong one."""
+    found = surveyed(shop_driving(machine, driven, seed), tmp_path)
+    assert found.files.after_um is None
+    assert "step-mismatch" in found.files.codes
+    assert found.files.lines == (("plan.setups",) if driven in ORDERS else ())
+
+
+@pytest.mark.parametrize("driven", spread(ORDERS, 2), ids=str)
+def test_positions_show_which_diagonal_is_driven(driven, tmp_path):
+    """A machine without setup codes may drive its setups in any sequence."""
+    found = surveyed(shop_driving("no codes", driven, 7100), tmp_path)
+    assert not [each for each in found.findings if each.severity != "info"]
+    assert found.files.after_um < 0.5 * found.files.before_um
+
+
+@pytest.mark.parametrize("driven", spread(ORDERS, 2), ids=str)
+def test_exchanged_codes_are_named_and_corrected_without_driving_again(driven, tmp_path):
+    """Where the code of a complete setup was right, the positions name the setups instead."""
+    shop = shop_driving("all", driven, 7200)
+    found = surveyed(shop, tmp_path / "recorded", files=False)
+    (line,) = [
+        str(each.message.arguments["line"])
+        for each in found.findings
+        if each.severity == "error"
+    ]
+    assert line == ("plc.signals.setup.offset" if "ppp" in driven else "plc.signals.setup")
+    corrected_in_place(shop, found, tmp_path)
+
+
 @pytest.mark.parametrize("again", spread(range(2), 2))
 def test_diagonals_with_their_right_names_are_not_exchanged(again, tmp_path):
     """Few readings may agree by chance with other names and less noise than any machine has."""

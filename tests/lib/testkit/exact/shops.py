@@ -595,6 +595,13 @@ POSITION = (
     '[plc.signals.{axis}_mm]\naddress = {address}\ntype = "int32"\nscale = {scale!r}\noffset = '
     "{offset!r}\n"
 )
+MACHINES["no codes"] = CONTRACT_MAP.format(
+    setup="",
+    positions="".join(
+        POSITION.format(axis=axis, address=4 + 2 * at, scale=1e-4, offset=0.0)
+        for at, axis in enumerate("xyz")
+    ),
+)
 
 
 def corrected(shop, text):
@@ -620,7 +627,10 @@ def corrected(shop, text):
         ),
         "plc late": ("poll_hz = 40\n", f"poll_hz = 40\nlatency_s = {shop.plc_late_s!r}\n"),
     }
-    if shop.cause in lines:
+    codes = shop.cause == "codes stuck" or (
+        shop.cause == "other diagonal" and shop.machine == "all"
+    )
+    if shop.cause in lines and not codes:
         return text.replace(*lines[shop.cause], 1)
     shown = [
         np.asarray(shop.map(place) if shop.map else place, dtype=float)
@@ -644,7 +654,7 @@ def corrected(shop, text):
             )
     setup = (
         ""
-        if shop.cause == "codes stuck"
+        if codes
         else SETUP_SIGNAL.format(offset=float(1 - shop.codes(1)) if shop.codes else 0.0)
     )
     signals = CONTRACT_MAP.format(
