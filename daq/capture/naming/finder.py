@@ -9,7 +9,7 @@ from stepdiag.base.messages import message
 from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.base.setups import CODED_FROM, setup_of, setups_meant
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
-from stepdiag.daq.capture.naming.route import agrees, routes_of
+from stepdiag.daq.capture.naming.route import agrees, route_of, routes_of
 from stepdiag.daq.capture.naming.walk import (
     BACK,
     BEGUN_ANEW,
@@ -60,7 +60,7 @@ class PassFinder:
         """Return whether the machine drives a run of the 4-DOF head."""
         names: list[str | None]
         if signals.setup is None:
-            names = [self.walk.route.setup if self.walk else self._first_wanted()]
+            names = [self.walk.route.setup if self.walk else self._first_wanted(signals)]
         else:
             own = SETUP_NUMBERS.get(signals.setup)
             names = [own] if own else [*self._meant(signals.setup)]
@@ -73,7 +73,9 @@ class PassFinder:
             return min(hints, key=lambda item: not item[1].wanted, default=(None, None))[0]
         if self.walk is not None:
             return self.walk.route.setup
-        return self._returning(signals, reading_mm) or self._first_wanted()
+        if self._survey.plc.silent:
+            return next(iter(self._start.hints))
+        return self._going_on(signals, reading_mm) or self._first_wanted(signals)
 
     def _meant(self, code: int) -> list[str]:
         """Return the setups that a number may mean."""
@@ -83,17 +85,26 @@ class PassFinder:
             )
         return self._setups[code]
 
-    def _returning(self, signals: Signals, reading_mm: float | None) -> str | None:
-        """Return the setup on whose way back the machine is, wanted or not, by the laser's unbroken
-        count: another setup begins with a cut beam."""
+    def _going_on(self, signals: Signals, reading_mm: float | None) -> str | None:
+        """Return the setup that goes on, wanted or not, by the laser's unbroken count: another
+        setup begins with a cut beam."""
         for name, hint in self._start.hints.items() if reading_mm is not None else ():
-            if hint.turn is not None and hint.turn.outward:
-                _, path = self._begin(name, signals, reading_mm)
-                return name if path.way == BACK and path.name is not None else None
+            if hint.known and self._begin(name, signals, reading_mm)[1].name is not None:
+                return name
         return None
 
-    def _first_wanted(self) -> str | None:
-        return next((name for name, hint in self._start.hints.items() if hint.wanted), None)
+    def _first_wanted(self, signals: Signals) -> str | None:
+        """Return the first wanted setup; with a position, the first that has a stop there. Before
+        the first stop, a wrong map of the positions is as probable as another setup.
+        """
+        wanted = [name for name, hint in self._start.hints.items() if hint.wanted]
+        at = None if self._start.last_count is None else signals.commanded_mm
+        there = [
+            name
+            for name in wanted
+            if at is not None and route_of(self._survey.planned, name, 1).beside(at).any()
+        ]
+        return next(iter(there or wanted), None)
 
     def _unplanned(self, signals: Signals) -> Finding | None:
         if signals.setup is None or self._unplanned_reported:
@@ -133,14 +144,17 @@ class PassFinder:
         reversed_there = [replace(each, stop=0) for each in begins if _reverses(hint, each)]
         look = Look(signals.commanded_mm, signals.stop_count, reading_mm)
         path = Chain(routes, *begins, *reversed_there).take(look)
-        begin, apart = next(each for each in begins if each.way == path.way), None
+        outward = routes[path.way].outward
+        begin = next(each for each in begins if routes[each.way].outward is outward)
         turn = hint.turn if _reverses(hint, begin) else None
+        apart = None
         steps = np.diff([*hint.believed, reading_mm] if reading_mm is not None else [])
-        nominal_mm = routes[path.way].nominal_mm
-        if 0 < len(steps) < len(nominal_mm) and all(map(agrees, steps, np.diff(nominal_mm))):
-            # the believed stops were the first stops of this pass
-            known, apart = dict(enumerate(hint.believed)), BEGUN_ANEW
-            begin = replace(begin, stop=len(known) - 1, left_mm=None, known=known)
+        for each in begins if len(steps) else ():
+            nominal_mm = routes[each.way].nominal_mm
+            if len(steps) < len(nominal_mm) and all(map(agrees, steps, np.diff(nominal_mm))):
+                # the believed stops were the first stops of this pass
+                known, apart = dict(enumerate(hint.believed)), BEGUN_ANEW
+                begin = replace(each, stop=len(known) - 1, left_mm=None, known=known)
         return Walk(routes, begin, turn, apart), path
 
 
