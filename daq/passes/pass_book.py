@@ -11,7 +11,7 @@ from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
-from stepdiag.daq.capture.naming.route import Route, route_of, shared
+from stepdiag.daq.capture.naming.route import Route, first_count, route_of, shared
 from stepdiag.daq.capture.remarks.remarks import credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare, may_hide_um
@@ -74,20 +74,38 @@ class PassBook:
             self.suspect(self._suspicions.pop(0)[1])
         self._stretch += bool(stop.broken or stop.unwatched)
         self._numbered.setdefault(self._stretch, Numbered()).add(stop.count, stop.time_s)
+        stretch, cut = self._stretch, self._left_open(stop)
+        if cut is not None:
+            self._put(stop, cut)
         current = self.driven = self._current(stop)
-        slip_um = current.differs_um(stop, self._stretch)
-        if slip_um is not None:
-            self._stretch += 1
-            self._numbered[self._stretch] = Numbered()
-            self._news.append(_slipped(current, stop, slip_um))
-        current.add(stop, self._stretch, slip_um)
-        self._know(stop, current, anew=bool(stop.broken) or slip_um is not None)
+        if current is not cut:
+            self._put(stop, current)
+        self._know(stop, current, anew=bool(stop.broken) or self._stretch != stretch)
         self._compare(stop.setup)
         self._prove(stop.setup)
         self.stops += 1
         self._credible.update(credible_of(stop))
         self.last = stop
         return current
+
+    def _left_open(self, stop: CapturedStop) -> Pass | None:
+        """Return the last driven pass if it lacks readings and the stop is its first stop, too: the
+        first stop of the next pass may join its stretches of count.
+        """
+        driven = self.driven
+        if driven is None or stop.stop > 0 or driven.whole:
+            return None
+        way = driven.route.setup, driven.route.outward
+        return driven if way == (stop.setup, stop.outward) else None
+
+    def _put(self, stop: CapturedStop, current: Pass) -> None:
+        """Add a stop to a pass. A reading that differs within one count begins a new stretch."""
+        slip_um = current.differs_um(stop, self._stretch)
+        if slip_um is not None:
+            self._stretch += 1
+            self._numbered[self._stretch] = Numbered()
+            self._news.append(_slipped(current, stop, slip_um))
+        current.add(stop, self._stretch, slip_um)
 
     def _know(self, stop: CapturedStop, current: Pass, *, anew: bool) -> None:
         """Store the readings of the unbroken count by stop, from which the capture of the next log
@@ -249,29 +267,52 @@ class PassBook:
         )
 
     def _hint(self, setup: str, *, anew: bool) -> PassHint:
-        hint, driven = self._standing(setup), self.driven
+        hint, driven = self._standing(setup, anew=anew), self.driven
         out, back = self._next(setup, outward=True), self._next(setup, outward=False)
         if driven is not None and driven.route.setup == setup:
             if hint.next_stop and driven.route.outward:
                 out = driven.number
             elif hint.next_stop:
                 back = driven.number
-            elif driven.route.outward:  # a way back has the order of the way out before it
-                back = self._next(setup, driven.route.order, outward=False)
+            else:
+                if driven.route.outward:  # a way back has the order of the way out before it
+                    back = self._next(setup, driven.route.order, outward=False)
+                if not anew:
+                    order = route_of(self._planned, setup, self._next_out(driven)).order
+                    out = self._next(setup, order, outward=True)
             known, before = hint.known, self._way_out(setup, driven.number)
             for number in (out, back):
                 known = shared(known, before, self._way_out(setup, number))
             hint = replace(hint, known=known)
-        others = self._others(setup, (out, back), anew=anew)
+        others = self._others(setup, (out, back))
         return replace(hint, numbers=(out, back), others=others)
 
-    def _others(self, setup: str, numbers: tuple[int, int], *, anew: bool) -> tuple[int, ...]:
+    def _next_out(self, driven: Pass) -> int:
+        """Return the number of the next pass out in the program, after the driven pass: a pass that
+        is driven again has another place in the program, which the counter shows.
+        """
+        setup, route = driven.route.setup, driven.route
+        number = next(
+            (
+                each
+                for each in self.wanted()
+                if self.last is not None
+                and self.last.stop_count is not None
+                and first_count(self._planned, setup, each) + self.last.stop
+                == self.last.stop_count
+                and route_of(self._planned, setup, each).counts == route.counts
+            ),
+            driven.number,
+        )
+        return number + 1 + number % 2
+
+    def _others(self, setup: str, numbers: tuple[int, int]) -> tuple[int, ...]:
         """Return the numbers of passes with other orders of the axes that may come instead of the
-        next passes: an open pass, the first pass of a program that may begin ``anew``, and in the
-        program the pass after a pass with the driven order.
+        next passes: an open pass, the first pass of a program that begins anew, and in the program
+        the pass after a pass with the driven order.
         """
         orders = [route_of(self._planned, setup, number).order for number in numbers]
-        may = [*self.open_passes(setup), *([1] if anew else [])]
+        may = [*self.open_passes(setup), 1]
         if self.driven is not None and self.driven.route.setup == setup:
             driven = self.driven.route.order
             may += [
@@ -301,17 +342,20 @@ class PassBook:
             else self._after(setup, order, outward=outward)
         )
 
-    def _standing(self, setup: str) -> PassHint:
+    def _standing(self, setup: str, *, anew: bool) -> PassHint:
         still_open = self.open_passes(setup)
         wanted, outward = bool(still_open), not still_open or still_open[0] % 2 == 1
         last = self.last
         if last is None or last.setup != setup:
             return PassHint(wanted=wanted, outward=outward)
         current, known = self.driven, dict(self._known)
+        over, both_ways = last.stop == self.last_stop(last), self._survey.plan.return_pass
         if _believed_only(last):
-            over = last.stop == self.last_stop(last)
+            turned = over and both_ways and not anew
             return PassHint(
-                wanted=wanted, outward=last.outward, believed=self._believed if over else ()
+                wanted=wanted,
+                outward=last.outward is not turned,
+                believed=self._believed if over else (),
             )
         if current is not None and last.stop + 1 < len(current.route):
             following = last.stop + 1
@@ -322,7 +366,7 @@ class PassBook:
                 last_reading_mm=last.reading_mm,
                 known=known,
             )
-        if last.outward and self._survey.plan.return_pass:
+        if last.outward and both_ways and (known or not anew):
             return PassHint(wanted=wanted, outward=False, turn=last, known=known)
         return PassHint(
             wanted=wanted, outward=outward, turn=None if last.outward else last, known=known

@@ -54,8 +54,7 @@ class Handshake:
         because this answer follows when the stop is safe in the log.
         """
         count = signals.stop_count if signals is not None and _waits(signals) else None
-        runs = signals is not None and signals.running is True
-        if runs and count is not None and count not in (self._written, owed):
+        if count is not None and count not in (self._written, owed):
             self._written, self._written_ns = count, now_ns
             self._tell(count)
 

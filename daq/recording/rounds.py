@@ -225,8 +225,9 @@ def _copied(path: Path, target: Path) -> None:
     shutil.copyfile(path, target)
 
 
-def next_round(begun: Round) -> Round:
-    return _new_round(begun.folder.parent, int(begun.folder.name) + 1, begun.run)
+def next_round(begun: Round, left: CapturedStop | None) -> Round:
+    new = _new_round(begun.folder.parent, int(begun.folder.name) + 1, begun.run)
+    return replace(new, left=left)
 
 
 def mend(folder: Path) -> None:

@@ -130,7 +130,7 @@ class Session:
         self._skip_dwell = False
         self._armed = armed
         self._last_setup: int | None = None
-        self._anew = True
+        self._anew = not begun.stops
         self._idle_decoder = SignalDecoder(survey.plc.signals, survey.plc.parsed())
         self._left_ns: int | None = None
         self._silent = survey.plc.silent

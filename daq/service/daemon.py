@@ -356,7 +356,7 @@ class Daemon:
         working.finisher.finish(whole.folder)
         working.tally.samples_before += whole.samples
         working.session = self._session(
-            working.recorder, next_round(whole.round), armed=False
+            working.recorder, next_round(whole.round, whole.book.last), armed=False
         )
         working.shown = whole
 

@@ -22,7 +22,8 @@ without signals.
 
     position    the plan's position of the stop; any position for a standstill at no stop
     counter     the number of stops since the standstill before, also by a marker input; a counter
-                that was wrong once may stay wrong
+                that was wrong once may stay wrong. A counter that is set back shows that a program
+                begins anew, and is the number of the stop in the NC programs
     laser       the reading of the same stop in the same count, else the reading of a known stop and
                 the nominal way from it. A lost count is an observation without memory: the readings
                 before the loss are ignored. A reading that fits no stop begins a new memory
@@ -30,7 +31,9 @@ without signals.
 
 A later standstill may change the names of earlier ones. These are placed again by their new names.
 
-The signals choose the setup (`finder`). The direction follows from the chain: the first standstill
+The signals choose the setup (`finder`); without the signal of the setup, the laser's unbroken count
+and the position do. At every standstill the program may begin anew with another order of the axes.
+The direction follows from the chain: the first standstill
 of a log extends the path of the pass that goes on, the path of a pass that begins in the other
 direction, and the paths over a turn that no standstill has shown. `walk.Walk` compares the names
 with counter and laser, and states what disagrees.

@@ -74,7 +74,9 @@ class PassFinder:
             return min(hints, key=lambda item: not item[1].wanted, default=(None, None))[0]
         if self.walk is not None:
             return self.walk.route.setup
-        return self._returning(signals, reading_mm) or self._wanted(signals)
+        if self._survey.plc.silent:
+            return next(iter(self._start.hints))
+        return self._going_on(signals, reading_mm) or self._wanted(signals)
 
     def _meant(self, code: int) -> list[str]:
         """Return the setups that a number may mean."""
@@ -84,25 +86,28 @@ class PassFinder:
             )
         return self._setups[code]
 
-    def _returning(self, signals: Signals, reading_mm: float | None) -> str | None:
-        """Return the setup on whose way back the machine is, wanted or not, by the laser's unbroken
-        count: another setup begins with a cut beam."""
+    def _going_on(self, signals: Signals, reading_mm: float | None) -> str | None:
+        """Return the setup that goes on, wanted or not, by the laser's unbroken count: another
+        setup begins with a cut beam."""
         for name, hint in self._start.hints.items() if reading_mm is not None else ():
-            if hint.turn is not None and hint.turn.outward:
-                _, path = self._begin(name, signals, reading_mm)
-                return name if path.way == BACK and path.name is not None else None
+            if hint.known and self._begin(name, signals, reading_mm)[1].name is not None:
+                return name
         return None
 
     def _wanted(self, signals: Signals) -> str | None:
         """Return the first wanted setup. If the machine stands at none of its stops, return the
-        setup at whose first stop the machine stands.
+        setup that has a stop there, first the one that begins there.
         """
         hints, there = self._start.hints, signals.commanded_mm
         first = next((name for name, hint in hints.items() if hint.wanted), None)
         if first is None or there is None or np.any(self._beside(first, there)):
             return first
-        begun = [name for name in hints if self._beside(name, there)[OUT, 0]]
-        return min(begun, key=lambda name: not hints[name].wanted, default=first)
+        beside = {name: self._beside(name, there) for name in hints}
+        return min(
+            (name for name in hints if np.any(beside[name])),
+            key=lambda name: (not beside[name][OUT, 0], not hints[name].wanted),
+            default=first,
+        )
 
     def _beside(
         self, setup: str, position_mm: tuple[float, float, float]
@@ -152,14 +157,17 @@ class PassFinder:
         reversed_there = [replace(each, stop=0) for each in begins if _reverses(hint, each)]
         look = Look(signals.commanded_mm, signals.stop_count, reading_mm)
         path = Chain(routes, *begins, *reversed_there).take(look)
-        begin, apart = next(each for each in begins if each.way == path.way), None
+        outward = routes[path.way].outward
+        begin = next(each for each in begins if routes[each.way].outward is outward)
         turn = hint.turn if _reverses(hint, begin) else None
+        apart = None
         steps = np.diff([*hint.believed, reading_mm] if reading_mm is not None else [])
-        nominal_mm = routes[path.way].nominal_mm
-        if 0 < len(steps) < len(nominal_mm) and all(map(agrees, steps, np.diff(nominal_mm))):
-            # the believed stops were the first stops of this pass
-            known, apart = dict(enumerate(hint.believed)), BEGUN_ANEW
-            begin = replace(begin, stop=len(known) - 1, left_mm=None, known=known)
+        for each in begins if len(steps) else ():
+            nominal_mm = routes[each.way].nominal_mm
+            if len(steps) < len(nominal_mm) and all(map(agrees, steps, np.diff(nominal_mm))):
+                # the believed stops were the first stops of this pass
+                known, apart = dict(enumerate(hint.believed)), BEGUN_ANEW
+                begin = replace(each, stop=len(known) - 1, left_mm=None, known=known)
         return Walk(routes, begin, turn, apart), path
 
 

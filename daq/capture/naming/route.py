@@ -32,7 +32,8 @@ class Route:
     """A pass: commanded stops in the order of travel, shape (k, 3), and the nominal reading at
     each, relative to the first, shape (k,). ``along`` is the direction in which the reading
     increases. A position within ``beside_mm`` of a stop is at the stop. ``order`` is the order of
-    the moving axes (``yzx``); empty if all passes of the setup have the same order.
+    the moving axes (``yzx``); empty if all passes of the setup have the same order. ``counts`` are
+    the counts of the first stop in the NC programs, which number the stops of the survey from 1.
     """
 
     setup: str
@@ -42,6 +43,7 @@ class Route:
     along: NDArray[np.float64]
     beside_mm: float
     order: str = ""
+    counts: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.nominal_mm)
@@ -71,6 +73,10 @@ class Route:
     def nominal_at_mm(self, position_mm: tuple[float, float, float]) -> float:
         """Return the nominal reading at any position, relative to the first planned stop."""
         return float((np.asarray(position_mm) - self.stops_mm[0]) @ self.along)
+
+    def numbered(self, count: int) -> NDArray[np.bool_]:
+        """Return which stops have a count in the NC programs, shape (k,)."""
+        return np.isin(count - np.arange(len(self)), self.counts)
 
     def step_mm(self, from_stop: int, to_stop: int) -> float:
         """Return the nominal change of the reading between two stops."""
@@ -116,7 +122,25 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
         along=along,
         beside_mm=float(np.clip(0.1 * least_mm, PLACED_MM, BESIDE_MM)),
         order=moving_order_of(plan, planned, number) if planned.has_several_orders else "",
+        counts=tuple(
+            first_count(plan, setup, each)
+            for each in planned.pass_numbers
+            if each % 2 == number % 2
+            and moving_order_of(plan, planned, each) == moving_order_of(plan, planned, number)
+        ),
     )
+
+
+def first_count(plan: Plan, setup: str, number: int) -> int:
+    """Return the count of a pass's first stop in the NC programs: these number the stops of the
+    survey from 1."""
+    count = 1
+    for planned in plan.runs:
+        stops = len(run_stops_mm(plan, planned))
+        if planned.setup == setup:
+            return count + stops * planned.pass_numbers.index(number)
+        count += stops * len(planned.pass_numbers)
+    return count
 
 
 def routes_of(plan: Plan, setup: str, numbers: Iterable[int]) -> tuple[Route, ...]:

@@ -143,7 +143,7 @@ class Chain:
     def take(self, look: Look) -> Path:
         """Add a standstill; return the most probable path to it."""
         best: dict[tuple[int, int, bool, bool], Path] = {}
-        for path in self._paths:
+        for path in (*self._paths, *_other_orders(self.best, self._routes)):
             for on in self._following(path, look):
                 key = on.way, on.stop, on.nowhere, on.astray
                 if key not in best or best[key].score < on.score:
@@ -165,7 +165,7 @@ class Chain:
         route = self._routes[path.way]
         if look.lost:
             path = replace(path, known={}, left_mm=None, names=())
-        move, counted, counted_nowhere = _costs(path, look, len(route))
+        move, counted, counted_nowhere = _costs(path, look, route)
         score = path.score - move - counted
         idle = BEGIN if self._signalled else ORDINARY
         nowhere = path.score - (idle if path.stop == -1 else FAULT) - counted_nowhere
@@ -183,7 +183,9 @@ class Chain:
             before = path.known if fits[stop] and look.after_mm is None else {}
             known = before if left_mm is None else {**before, stop: left_mm}
             to = float(score[stop])
-            yield replace(at, score=to, stop=stop, known=known, miscounts=bool(counted[stop]))
+            yield replace(
+                at, score=to, stop=stop, known=known, miscounts=bool(counted[stop] > 0)
+            )
         yield replace(path, score=nowhere, nowhere=True)
         if self._signalled and look.position_mm is None:
             yield from _astray(path, at, look, counted, np.diff(route.nominal_mm))
@@ -205,27 +207,34 @@ def _astray(
     yield replace(at, score=score, stop=stop, astray=True, miscounts=bool(counted[stop]))
 
 
-def _costs(path: Path, look: Look, stops: int) -> tuple[Costs, Costs, float]:
+def _costs(path: Path, look: Look, route: Route) -> tuple[Costs, Costs, float]:
     """Return the cost of the move to every stop, and the cost of the counter there, each of shape
     (stops,), and the cost of the counter for a standstill at no stop.
 
-    Missed stops are a single fault; their number is any, unless the counter shows it.
+    Missed stops are a single fault; their number is any, unless the counter shows it. A counter
+    that is set back shows the number of the stop in the NC programs.
     """
+    stops = len(route)
     unseen, wrong = np.arange(stops) - path.stop - 1, ORDINARY if path.miscounts else FAILURE
     shown, counted, counted_nowhere = np.zeros(stops, dtype=bool), np.zeros(stops), 0.0
     between_logs = (
         path.stop == -1 and not path.nowhere
     )  # the counter may increase by any number
-    if look.count is not None and path.count is not None and not between_logs:
+    if look.count is not None and path.count is not None:
         steps = count_steps(path.count, look.count)
-        shown = (steps == np.maximum(unseen + 1, 1)) | ((steps == 0) & (unseen == -1))
-        counted, counted_nowhere = np.where(shown, 0.0, wrong), wrong * (steps != 0)
+        if steps > COUNT_MODULUS // 2:
+            shown = route.numbered(look.count)
+        if between_logs:
+            counted = np.where(shown, -FAILURE, 0.0)
+        else:
+            shown |= (steps == np.maximum(unseen + 1, 1)) | ((steps == 0) & (unseen == -1))
+            counted, counted_nowhere = np.where(shown, 0.0, wrong), wrong * (steps != 0)
     missed = FAULT + np.where(shown, 0.0, np.log(np.maximum(unseen, 1)))
     move: Costs = np.where(unseen > 0, missed, np.where(unseen < 0, RARE, 0.0))
     if path.stop < -1:  # the counter alone shows that the machine has turned unseen
         move = np.where(shown, FAULT + ORDINARY, math.inf)
     elif path.stop < 0:
-        move[1:] += BEGIN - FAULT
+        move[1:] += np.where(shown[1:], 0.0, BEGIN - FAULT)
         move[[stop for stop in path.known if stop > 0]] = RARE
     else:
         move[path.stop] = FAILURE
@@ -264,7 +273,9 @@ def _other_orders(begin: Path, routes: tuple[Route, ...]) -> Iterator[Path]:
             # behind the expected order, which may go back to its first stop, too
             again = FAULT + FAILURE * counts if begin.stop >= 0 else 0.0
             score = begin.score - FAULT - again
-            yield replace(begin, score=score, way=way, stop=-1, known=known)
+            yield replace(
+                begin, score=score, way=way, stop=-1, nowhere=False, astray=False, known=known
+            )
 
 
 class Walk:
@@ -286,7 +297,7 @@ class Walk:
     ) -> None:
         self.route = routes[begin.way]
         self._routes = routes
-        self.chain = Chain(routes, begin, *_other_orders(begin, routes))
+        self.chain = Chain(routes, begin)
         self.turn = turn
         self.apart = apart
         self.unsure: Message | None = None

@@ -1,8 +1,15 @@
 """``stop_count`` and ``captured`` must meet: told again, or named, never waited for in silence."""
 
+import pytest
+
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.recording.handshake import Handshake
+from stepdiag.daq.recording.rounds import next_round
+from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.recording.sinks import Nowhere
+from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.captured import stops_of
+from testkit.waiting import survey_of
 
 SECOND = 1_000_000_000
 
@@ -85,6 +92,26 @@ def test_a_program_that_runs_on_after_its_survey_is_let_go_at_every_stop():
         machine.stands(signals, 0.1 * number)
     assert machine.heard == [7, 8, 9]
     assert machine.said == []
+
+
+@pytest.mark.parametrize("running", [True, None])
+def test_the_last_stop_of_a_finished_survey_is_owed_until_the_disk_has_it(running, tmp_path):
+    """The next round begins before the stop is safe in the log."""
+    last, machine = stops_of()[-1], Machine()
+    begun = next_round(Round(tmp_path / "0001", {}), last)
+    session = Session(
+        parse_survey(survey_of(), "survey.toml"),
+        "",
+        begun,
+        Nowhere(),
+        on_outcome=lambda _: None,
+        wall_offset_ns=lambda: 0,
+        armed=False,
+    )
+    machine.handshake.let_go(at(last.stop_count, running=running), session.owed, 0)
+    assert machine.heard == []
+    machine.handshake.let_go(at(last.stop_count + 1, running=running), session.owed, 0)
+    assert machine.heard == [last.stop_count + 1]
 
 
 def test_a_program_that_is_over_waits_for_nobody():

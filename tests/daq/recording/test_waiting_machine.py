@@ -18,6 +18,12 @@ COUNTED = (
     + '[plc.signals.setup]\naddress = 3\ntype = "uint16"\n'
 )
 """A machine without positions."""
+COUNTED_ALONE = STOPPED_ONLY + '[plc.signals.stop_count]\naddress = 1\ntype = "uint16"\n'
+PLACED = COUNTED_ALONE + "".join(
+    f'[plc.signals.{axis}_mm]\naddress = {address}\ntype = "int32"\nscale = 0.0001\n'
+    for axis, address in (("x", 4), ("y", 6), ("z", 8))
+)
+"""Machines that do not signal their program, without and with positions."""
 RANGED = """\
 setups = ["ppp", "npp", "pnp", "ppn", "linear-x"]
 repeats = 3
@@ -84,3 +90,49 @@ def test_nothing_is_wrong_with_a_hasty_machine(seed: int) -> None:
     assert found.session.book.complete()
     assert found.findings == []
     assert found.longest_s < 1.0
+
+
+EQUAL = {"size": (240.0, 240.0, 240.0)}
+"""All steps of a diagonal are alike: the laser shows no order of the axes."""
+
+
+@pytest.mark.parametrize("signals", [COUNTED, COUNTED_ALONE])
+@pytest.mark.parametrize("stop", [4, 12, 20])
+def test_the_program_shows_the_order_where_all_steps_are_alike(
+    signals: str, stop: int
+) -> None:
+    """The beam is cut in one of the passes, and the program is driven again: without positions,
+    the place in the program and its counter show the order of each pass."""
+    found = driven(
+        survey_of(ORDERS, signals, **EQUAL),
+        ("ppp", "ppp", "npp"),
+        stop,
+        Disturbed(cut_at=((0, stop),)),
+    )
+    assert not found.waits_in_vain
+    assert found.session.book.complete()
+    for each in found.session.book.of("ppp"):
+        counts = [stop.stop_count for stop in each.chosen().values() if stop.stop > 0]
+        begin = {"xyz": 1, "yzx": 8, "zxy": 15}[each.route.order]
+        assert counts == list(range(begin + 1, begin + 7))
+
+
+def test_the_first_stop_of_the_next_pass_joins_the_parts_of_a_cut_pass() -> None:
+    """No pass has to be driven again."""
+    found = driven(survey_of(ORDERS), ("ppp", "npp"), 1, Disturbed(cut_at=((0, 4),)))
+    assert found.session.book.complete()
+    assert [each.number for each in found.session.book.passes] == [1, 3, 5, 1, 3, 5]
+
+
+@pytest.mark.parametrize("signals", [COUNTED_ALONE, PLACED])
+@pytest.mark.parametrize("stop", [2, 11, 19])
+def test_a_program_without_its_signal_is_driven_anew(signals: str, stop: int) -> None:
+    """The log of the aborted pass is open when the program begins with its first order."""
+    found = driven(
+        survey_of(ORDERS, signals),
+        ("ppp", "ppp", "npp"),
+        stop,
+        Disturbed(aborted_at=((0, stop),)),
+    )
+    assert not found.waits_in_vain
+    assert found.session.book.complete()

@@ -31,10 +31,10 @@ MOST_WAIT_S = 30.0
 """A machine that stands longer waits in vain: no drawn stall is a third of it."""
 
 
-def survey_of(plan='setups = ["ppp"]', signals=""):
+def survey_of(plan='setups = ["ppp"]', signals="", size=(300.0, 180.0, 120.0)):
     """Return the survey file of a hasty machine with the handshake; ``plan`` are lines of
     `[plan]`."""
-    text = survey_text(size=(300.0, 180.0, 120.0), n=2, dwell=DWELL_S, signals=signals)
+    text = survey_text(size=size, n=2, dwell=DWELL_S, signals=signals)
     for line, instead in {
         'setups = ["ppp"]': plan,
         "settle_s = 0.15": "settle_s = 0.02",
