@@ -61,14 +61,14 @@ _TEMPLATE = """\
 # "volumetric" (TF5280, ISG_CSV) or "lists" (kw.ssfk and kw.crosscomp in the axis lists)
 way = "?"
 axis_numbers = "?"            # logical axis numbers, such as { X = 1, Y = 2, Z = 3 }
-# volumetric: write angles and squareness too; the chain of the axes, as the survey file says it
+# volumetric, to write angles and squareness too: the chain of the axes, as in the survey file
 # chain = "FXYZ"
-# with axes on the workpiece side: true where vz_istw or vz_stellgr turns every one of them
-# already, so that the survey sees them as axes of the tool (workpiece_axes 0); where it turns
-# some of them: leave chain out
+# Only with axes on the workpiece side. true: vz_istw or vz_stellgr reverses all of these axes, so
+# they count as axes of the tool (workpiece_axes 0). false: no axis is reversed. If only some of
+# these axes are reversed, leave chain out.
 # turned = false
 # negate = ""                 # axes in P-VOLC-00009 of the volumetric configuration, such as "XY"
-# cross_sense = "as-error"    # lists: sense of kw.crosscomp; no page states it, the sign test does
+# cross_sense = "as-error"    # lists: sense of kw.crosscomp from the sign test; no manual states it
 # master_word = "slave_ax_nr" # the name of P-COMP-00005 in this version (TwinCAT 2: "master_ax_nr")
 # decimals = 5                # volumetric: places in mm
 # max_records = 2000          # vol_comp[..].max_records in hochlauf.lis

@@ -70,7 +70,7 @@ detection_unit_um = "?"
 # least_input_um = 1.0        # least input increment, for 3624 of old controls (16i/18i)
 # increment_limit = 7         # largest increment per point; some series and options allow 127
 # points_per_axis = 128
-# true: the control has straightness compensation, and its punched parameters hold 5711 to 5784
+# true: the control has straightness compensation, and its parameter file contains 5711 to 5784
 # straightness_option = false
 # experimental_bidirectional = false   # 3605#0: pitch data of their own for each direction
 [fanuc.axes.X]
@@ -78,7 +78,7 @@ detection_unit_um = "?"
 number = "?"
 reference_point = "?"         # 3620: number of the point at the reference position
 # reverse_first_point = 0     # 3626, only with experimental_bidirectional
-# 3623; left out: the smallest that keeps every increment within the limit
+# 3623; left out: the smallest magnification with which every increment is within the limit
 # magnification = 1
 # true: put the slope into inclination compensation (5861-5864, 5871-5874)
 # inclination = false

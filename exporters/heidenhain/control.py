@@ -74,8 +74,7 @@ _TEMPLATE = """\
 # "tnc640" (TNC 620/640, MANUALplus 620), "itnc530", or "tnc4xx" (TNC 407 to 430: spacing 2^n x
 # 0.1 um)
 generation = "?"
-# iTNC 530 with KinematicsComp: write angles too; the chain of the axes, as the survey file says
-# it
+# iTNC 530 with KinematicsComp, to write angles too: the chain of the axes, as in the survey file
 # chain = "FXYZ"
 # decimals = 4                # places in mm
 # assignment = "CONFIG.CMA"   # name of the assignment file in the control

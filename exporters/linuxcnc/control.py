@@ -69,12 +69,13 @@ class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, k
 
 _TEMPLATE = """\
 [linuxcnc]
-# the joints of each axis, as [KINS] and [JOINT_n] say: { X = [0], Y = [1], Z = [2] }
+# the joints of each axis, as in [KINS] and [JOINT_n]: { X = [0], Y = [1], Z = [2] }
 joints = "?"
-# true: this LinuxCNC has matrixkins (Debian's 2.9.0~pre1 has not); false: squareness is left out
+# true: this LinuxCNC contains matrixkins (Debian's 2.9.0~pre1 does not contain it); false:
+# squareness is left out
 matrixkins = "?"
-# "screw": COMP_FILEs and matrixkins; "kinematics": everything, by a component of ours (angles
-# included)
+# "screw": COMP_FILEs and matrixkins; "kinematics": all errors, angles included, by the
+# kinematics component of stepdiag
 # way = "screw"
 # decimals = 6                # places of a correction, in the machine's unit
 """

@@ -26,10 +26,10 @@ measured_with = "?"
 # files of the control, beside this profile: its tables now (restored from, merged with, used as
 # template)
 # existing = []
-# only for readings that do not say what was active: SHA-256 of those files, noted when they were
-# read out
+# SHA-256 of these files, noted when they were read out. Only needed if the readings do not state
+# which files were active.
 # active_sha256 = []
-# into which straightness of its pair each squareness goes: exactly one of the two
+# Each squareness is added to one of two straightness functions: name this function.
 [machine.squareness_into]
 C0Y = "EXY"                   # EXY or EYX
 B0Z = "EXZ"                   # EXZ or EZX
@@ -40,19 +40,19 @@ A0Z = "EYZ"                   # EYZ or EZY
 # value_um = 100.0
 # larger corrections have to be accepted; left out: 100 um per metre of travel, 50 at least
 # warn_value_um = 50.0
-# larger changes against the table of now have to be accepted; left out: 40 um per metre, 20 at
+# larger changes of the present table have to be accepted; left out: 40 um per metre, 20 at
 # least
 # change_um = 20.0
 # steeper corrections have to be accepted; left out: the limit of this control
 # slope_um_mm = 0.2
-# points = 256                # most points in a table, where the control holds fewer than usual
+# points = 256                # most points in a table, if this control allows fewer than usual
 
 # one for each kind of table: what the sign test showed on this machine, valid for 12 months
 # [[sign_test]]
 {kind_line}
 # date = 2026-01-31
-# or "as-compensation"; machine, control and files as `stepdiag signtest` prints them: without
-# them the record is no evidence
+# "as-error" or "as-compensation". Also add machine, control and files, as `stepdiag signtest`
+# prints them: without these fields the sign test does not count.
 # verdict = "as-error"
 
 """

@@ -21,11 +21,11 @@ _TEXTS = tuple(item.name for item in fields(Signals))
 
 TEMPLATE = """\
 
-# only for `stepdiag program`; left out, the plainest means of the control stand
+# only for `stepdiag program`; a setting that is left out has the default of the control
 # [program]
 # decimals = {decimals}                # decimal places of the control's input increment in mm
-# Blocks that tell the PLC where the program stands; {{setup}} and {{count}} are filled in, \\n
-# begins the next block.
+# Blocks that send the setup and the count of stops to the PLC. The program replaces {{setup}} and
+# {{count}} by numbers; \\n begins the next block.
 """
 
 

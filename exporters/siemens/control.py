@@ -69,22 +69,24 @@ measuring_system = "?"
 # MD38000 of each axis; then surplus points are written as 0
 # eec_points = { X = 100, Y = 100, Z = 100 }
 # cec_points = 100            # MD18342, the same for every table used here (828D: 200)
-# how many CEC tables the control holds (828D: 8; 840D sl: twice its axes): more are refused
+# number of CEC tables of the control (828D: 8; 840D sl: twice its axes); an export with more
+# tables is refused
 # cec_tables_held = 8
 # MD32730 of the compensated axes: the slope of CEC tables is judged by it
 # cec_max_velo = 0.1
 # first_cec_table = 0         # index of the first free CEC table ($AN_CEC[t,..] counts from 0)
 # index by function; two indices where each direction has its own table
 # cec_tables = { EYX = [2] }
-# true: tables that multiply each other hold what angles do with their levers (sign test of
-# cec-product)
+# true: products of two tables correct the effect of angles with their levers (make the sign test
+# of cec-product)
 # products = false
 # were the tables in machine.existing switched on before this loading (MD32700; MD32710 with
-# SD41300)? Where they differ, back them up with these switches: what the files hold counts
+# SD41300)? If only some tables were switched on, save the files with these switches: the switches
+# in the files take precedence over this setting
 # old_enabled = false
 # the weight (SD41310) of the CEC tables in machine.existing, as old_enabled
 # old_weight = 1.0
-# sense of the CEC tables: the manual does not state it, the sign test does
+# sense of the CEC tables from the sign test; the manual does not state it
 # cec_sense = "as-error"
 # decimals = 4                # places in mm
 # metric_line = false         # true: begin data files with METRIC, as backups of some controls do

@@ -17,7 +17,7 @@ U_ANGLE_URAD = 1.0
 """Standard uncertainty of the demo's autocollimator in urad."""
 
 _BENCH = """\
-# The virtual machine of the demo: what is true, and what the survey does not know.
+# The virtual machine of the demo, with its true errors. The survey file does not contain them.
 seed = {seed}
 time_scale = {scale}
 
@@ -37,8 +37,8 @@ pause_s = 1.0
 patient = true
 decimals = 3
 
-# an ordinary machine with scales: each axis comes back to 0.5 um (standard deviation), and the
-# control shows the actual positions of its encoders
+# An ordinary machine with linear scales. The repeatability of each axis is 0.5 um (standard
+# deviation). The control sends the actual positions of its encoders.
 [machine]
 positioning_um = 6.0
 straightness_um = 5.0
@@ -66,7 +66,7 @@ noise_um = 0.3
 """
 
 _SURVEY = """\
-# The survey of the demo; `stepdiag init` writes a commented one to start from.
+# The survey file of the demo. `stepdiag init` writes a survey file with comments.
 [survey]
 name = "demo"
 machine = "virtual machine"

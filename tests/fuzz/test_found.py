@@ -249,7 +249,7 @@ def test_a_calibration_or_a_profile_too_large_to_be_one_is_not_read(
             "beckhoff",
             "a.lis",
             "kopf.achs_nr 1\nkw.ssfk.interval 1\nkw.ssfk.unit 1\nkw.ssfk.kw_nr_max 999999999999\n",
-            "a number of points up to the number of entries in the list",
+            "at most as many points as the list has entries",
         ),
         (
             "mitsubishi",

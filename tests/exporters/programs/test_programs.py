@@ -279,7 +279,10 @@ def test_a_position_that_the_control_would_round_is_refused() -> None:
             {"setups": ("ppq",)},
             r"plan\.setups: expected one of ppp, .*, found 'ppq'; did you mean 'ppp'",
         ),
-        ({"setups": ("ppp", "ppp")}, r"plan\.setups: expected at least one setup, each once"),
+        (
+            {"setups": ("ppp", "ppp")},
+            r"plan\.setups: expected at least one setup, no setup twice",
+        ),
         ({"setups": ()}, r"plan\.setups: .*found none"),
         ({"repeats": 400}, r"plan: expected at most 32767 stops"),
     ],

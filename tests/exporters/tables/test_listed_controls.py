@@ -155,11 +155,11 @@ class TestMitsubishi:
         [
             (("#4006 1\r\n", ""), r"expected #4006 sc, found nothing"),
             (("#4104 4\r\n", ""), r"expected #4101 to #4105, found no #4104"),
-            (("#4000 1", "#4000 0"), r"expected #4000 for incremental data"),
+            (("#4000 1", "#4000 0"), r"expected the value of #4000 for incremental data"),
             (("#4102 2", "#4102 2.5"), r"expected a whole number, found '2\.5'"),
             (
                 ("#4003 4103", "#4003 4199"),
-                r"expected 4101 <= lowest <= reference <= highest <= 5124",
+                r"expected 4101 <= lowest number <= number of the reference <= highest number",
             ),
             (("#4002 AX1", "4002=AX1"), r"expected #number value"),
             (

@@ -121,7 +121,7 @@ def test_the_same_contradiction_in_each_drive_of_a_setup_is_the_machine(seed, st
     before, after = (again(seed, ("npp", "npp+1"), um, step=step) for um in (0.0, 10.0))
     (named,) = [each for each in after.findings if each.severity != "info"]
     if step and named.key == "contradiction-ambiguous":
-        assert "the machine at stop 13 of" in named.text
+        assert "an error of the machine at stop 13 of" in named.text
         return
     assert named.key == "machine-beside-model.place"
     assert "stop 13 of" in named.text

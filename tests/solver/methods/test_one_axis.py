@@ -156,7 +156,7 @@ def test_from_readings_to_a_table_on_the_command_line(setups, tables, tmp_path):
     result, out = tmp_path / "result.json", tmp_path / "files"
     solved = stepdiag("solve", tmp_path / "readings.csv", "--out", result)
     assert solved.code == 0, solved.refusal
-    assert "the errors in the volume are unknown" in solved.out
+    assert "The errors in the volume are unknown" in solved.out
     done = stepdiag(
         "export", result, "--controller", "siemens", "--step-mm", "50", "--out", out
     )
@@ -174,7 +174,7 @@ def test_from_readings_to_a_table_on_the_command_line(setups, tables, tmp_path):
         done = stepdiag(*arguments)
         assert done.code == 0, done.refusal
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "the errors in the volume are unknown" in page
+    assert "The errors in the volume are unknown" in page
     assert 'id="field-before"' not in page
     assert json.loads(result.read_text(encoding="utf-8"))["volume"]["size_mm"].count(
         0.0
