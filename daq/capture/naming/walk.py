@@ -98,11 +98,13 @@ OUT, BACK = range(2)
 
 
 def beginnings(on: Path, known: Known, stops: int, cost: float) -> tuple[Path, ...]:
-    """Return the path of a pass that goes on; the path of a pass that begins in the other
-    direction at a ``cost``, and whose counter fits by chance; and the paths over the end of the
-    pass, whose stops before the turn, once or twice counted, have negative numbers.
+    """Return the path of a pass that goes on, the path of a pass that begins in the other
+    direction, and two paths of a pass in the other direction whose first standstills were missed.
 
-    ``known`` are the readings of the present count, by stop of the outward route.
+    A pass in the other direction has a ``cost``, and its counter agrees by chance. The counter
+    shows how many stops were missed before and after the turn; the turn counts as one stop or as
+    two. These paths begin at a negative stop. ``known`` are the readings of the laser's unbroken
+    count, by stop of the outward route.
     """
     counts = on.stop >= 0 and on.count is not None
     levels = known, {stops - 1 - stop: reading for stop, reading in known.items()}
