@@ -346,7 +346,7 @@ def test_a_table_that_does_not_stand_where_it_was_measured_says_what_it_leaves(t
     )
     assert len(wide) == 1
     assert (
-        "up to: EXX 2.0 µm, EYX 0.5 µm. Choose a step with points at the measured "
+        "at most EXX 2.0 µm, EYX 0.5 µm. Choose a step with points at the measured "
         "positions, or a smaller step" in wide[0]
     )
     for step_mm in (100.0, 50.0):

@@ -168,7 +168,7 @@ def test_single_direction_gives_no_bidirectional_figure():
     figures = positioning_figures(PositioningRuns(target_mm=runs.target_mm, up_um=runs.up_um))
     assert (figures.E, figures.B, figures.M, figures.R, figures.A) == (None,) * 5
     assert figures.E_up == 8.0
-    with pytest.raises(DataError, match="both directions"):
+    with pytest.raises(DataError, match="in each direction"):
         vdi_3441_figures(PositioningRuns(target_mm=runs.target_mm, up_um=runs.up_um))
 
 

@@ -135,7 +135,7 @@ class TestMachine:
     def test_a_heartbeat_that_stands_still(self, seen):
         for poll in range(200):
             answer(seen, 1 + poll / 50, registers(7))
-        assert "is 7 for 4 s" in told(seen, "error")["heartbeat-still"]
+        assert "has had the value 7 for 4 s" in told(seen, "error")["heartbeat-still"]
 
     def test_a_heartbeat_that_is_too_slow(self, seen):
         for poll in range(400):

@@ -119,7 +119,7 @@ def test_a_taken_setup_stands_in_the_survey_file(file):
 )
 def test_nothing_is_taken_where_nothing_further_is_worth_it(file, ahead):
     text = file.read_text()
-    with pytest.raises(UsageError, match="a further setup that is not in the plan"):
+    with pytest.raises(UsageError, match="a setup outside the plan"):
         take(file, load_survey(file), ahead)
     assert file.read_text() == text
     assert not in_words(ahead, load_survey(file)).further

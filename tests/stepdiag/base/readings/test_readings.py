@@ -111,8 +111,8 @@ def test_marks_of_other_programs_do_not_matter(disguise):
         (
             GOOD.replace("x,1,2", "x,1,4"),
             (
-                "linear run X (linear-x), pass 1 out: expected at most one stop in 10 missing "
-                "within a pass, found 2 of 5"
+                "linear run X (linear-x), pass 1 out: expected at most one missing stop for "
+                "every 10 stops of a pass, found 2 of 5"
             ),
         ),
         (GOOD.replace("x,1,2", "x,1,99999999"), "stops missing, the first is `stop = 2`"),
