@@ -167,7 +167,7 @@ def test_a_register_map_that_does_not_fit(bench_of, check):
         "refuses to send alarm at holding 4000 bit 0"
         in findings["signals-absent.refused"]["text"]
     )
-    assert "value of air_pressure_hpa at" in findings["signals-absent.implausible"]["text"]
+    assert "air_pressure_hpa at" in findings["signals-absent.implausible"]["text"]
 
 
 MAP = {
