@@ -69,12 +69,12 @@ class TestTheLargestShare:
     @pytest.mark.parametrize(
         ("source", "words"),
         [
-            ("between the targets", "drive with 20 increments"),
-            ("readings", "drive each setup once more"),
-            ("not measured", "add the missing runs"),
-            ("angles", "measure the angles with a 4-DOF head"),
-            ("drift", "drive each setup out and back once more"),
-            ("growth", "warm the machine up"),
+            ("between the targets", "Drive 20 increments"),
+            ("readings", "Drive each setup once more"),
+            ("not measured", "Add the missing runs"),
+            ("angles", "Measure the angles with a 4-DOF head"),
+            ("drift", "Drive each setup out and back once more"),
+            ("growth", "Warm the machine up"),
             ("air", "of the material and the air"),
         ],
     )

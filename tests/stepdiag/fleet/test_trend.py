@@ -348,21 +348,21 @@ class TestLine:
         assert found.outside == "perhaps"
         assert already_perhaps(found)
         assert leaves(found).startswith("not decidable: perhaps outside ")
-        assert "too large for the tolerance" in fleet_html([found], "store", "en")
+        assert "too large), tolerance 10 µm" in fleet_html([found], "store", "en")
 
     @pytest.mark.parametrize(
         ("last", "u", "verdict", "english", "german"),
         [
-            (
-                8.0,
-                0.5,
-                "conform",
-                "conform to its tolerance of 10 µm",
-                "konform mit der Toleranz von 10",
-            ),
+            (8.0, 0.5, "conform", ": conform, tolerance 10 µm", ": konform, Toleranz 10 µm"),
             (9.5, 0.5, "not_decidable", "not decidable", "nicht entscheidbar"),
             (8.0, None, "not_decidable", "not decidable", "nicht entscheidbar"),
-            (12.0, 0.5, "not_conform", "not conform, outside", "nicht konform, außerhalb"),
+            (
+                12.0,
+                0.5,
+                "not_conform",
+                "not conform, tolerance 10",
+                "nicht konform, Toleranz 10",
+            ),
         ],
     )
     def test_the_last_figure_is_judged_by_the_tolerance_of_the_store(
