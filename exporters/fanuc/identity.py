@@ -2,9 +2,9 @@
 must agree.
 
 From manuals: 1020 axis names in ASCII (88 X, 89 Y, 90 Z), 3620 reference point, 3605#0
-bidirectional compensation, 8135#0 of the 0i-D (controllers.md 2.1, 2.6). From memory, so that a
-contradiction is only a warning: 1001#0 inch machine, 1006#3 diameter programming, 1013#0 and #1
-increment system, 5711 to 5764 straightness compensation.
+bidirectional compensation, 8135#0 of the 0i-D (controllers.md 2.1, 2.6). Not checked against a
+document, so a contradiction is only a warning: 1001#0 inch machine, 1006#3 diameter programming,
+1013#0 and #1 increment system, 5711 to 5764 straightness compensation.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,11 +1,12 @@
 """FANUC straightness parameters in the machine's own files.
 
 B-63522EN/02 15.5 describes a moving axis, a compensated axis, four pitch points of the moving axis
-and the compensation at each point. No consulted manual states the parameter numbers; the numbers
-below are from memory. These numbers are used only if the profile states the option
-(``straightness_option``) and the machine's punched parameters contain all ten numbers of a set.
-Without the option or a complete set, only the report shows the table. A control with the option has
-three sets of parameters, for the three functions with the largest effect (with squareness).
+and the compensation at each point. The parameter numbers below were not checked against a document,
+because no consulted manual states them. These numbers are used only if the profile states the
+option (``straightness_option``) and the machine's punched parameters contain all ten numbers of a
+set. Without the option or a complete set, only the report shows the table. A control with the
+option has three sets of parameters, for the three functions with the largest effect (with
+squareness).
 """
 
 from collections.abc import Mapping, Sequence

@@ -2,8 +2,8 @@
 
 KinematicsComp (iTNC 530 HSCI technical manual pp. 666-686) adds columns C1 to C6 for the six errors
 of the axis: displacements in X, Y, Z in mm, and rotations about X, Y, Z. stepdiag writes rotations
-in degrees, the unit of ``Trans`` in the kinematics table (from memory: no consulted page states the
-unit of C4 to C6).
+in degrees, the unit of ``Trans`` in the kinematics table. No consulted page states the unit of C4
+to C6, so this unit was not checked against a document.
 """
 
 import re

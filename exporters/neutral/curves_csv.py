@@ -80,8 +80,10 @@ class Neutral:
     def standing(
         self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile
     ) -> tuple[Table, ...]:
-        """Return the curves of the new files, or of the own files without new files, because a file
-        contains all curves of a compensation.
+        """Return the curves of the new files. If there are no new files, return the curves of the
+        machine's own files.
+
+        Each file contains all curves of a compensation, so new files replace the own files.
         """
         return self.parse(new or own, profile)
 

@@ -19,8 +19,8 @@ class _Check:
     stopped: str
 
     def blocks(self, label: int) -> list[str]:
-        """Return the blocks of the comparison. If the value differs, the program stops, and
-        compares again after the start key.
+        """Return the NC blocks that compare the value with ``expected``. If the two differ, the
+        program stops, and compares them again after the start key.
         """
         return [
             f"LBL {label}",

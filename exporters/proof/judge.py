@@ -12,15 +12,15 @@ the readings `NAMED` times as likely as before.
 Any other factor means a table of another size. A table of another size is wrong if both of these
 conditions are true; it is undecided if only condition 1 is true: (1) Its size differs by more than
 `verdicts.regression` tolerates. (2) This size is `SURE` times as likely as the nearest state.
-Condition 2 is tested with the states of all other tables, and again with any size of all other
-tables.
+Condition 2 is tested twice: with the factors of all other tables fixed by their states, and with
+these factors as unknowns.
 
 The state of a table is decided if each other state makes the readings `SURE` times less likely, for
-this table alone and for all tables of its kind. The report shows the factor of the table with U.
-The factor of a table with a decided state is estimated with the states of all other tables. The
-factor of any other table is estimated with any size of the other tables. The tables are kept if
-each table is right, or is undecided but too small to matter: its possible states then differ by no
-more than U of the survey.
+this table alone and for all tables of its kind. The report shows the factor of the table with U. If
+the most likely factor is -1, 0, 1/2 or 2, all tables with this factor get one common estimate, and
+the factors of all other tables are fixed by their states. In every other case, the factors of the
+other tables are unknowns of the same regression. The tables are kept if each table is right, or is
+undecided but too small to matter: its possible states then differ by no more than U of the survey.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

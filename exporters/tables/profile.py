@@ -201,8 +201,8 @@ class Profile:
 
     @property
     def zone(self) -> dict[str, tuple[float, float]]:
-        """Return the part of the travel in which the tables fit best, for each axis with such a
-        zone.
+        """Return ``working_mm``, the part of the travel in which the tables fit best, for each axis
+        whose section contains it.
         """
         return {
             letter: axis.working_mm

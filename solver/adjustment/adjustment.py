@@ -632,9 +632,10 @@ class _Task:
     def _worst(self, current: MixedFit) -> Suspicion | None:
         """Return the contradiction with the highest odds.
 
-        In the first search no effect is larger than usual, so that no effect hides a contradiction.
-        A contradiction is valid if it explains the readings better than larger effects do. If no
-        contradiction is valid, the search is repeated with the estimated sizes.
+        The first search assumes at most the usual size of each effect, so that no large effect
+        hides a contradiction. The contradiction of the first search is returned only if it explains
+        the readings better than effects with their estimated sizes do. Otherwise a second search
+        assumes the estimated sizes.
         """
         every = counts(current.fixed, self.layout)
         as_usual = _as_usual(current, self.effects, self.sizes)

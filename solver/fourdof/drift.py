@@ -109,8 +109,11 @@ class _Smoothed:
 
 
 def _smoothed(seen: Vector, speed: Vector) -> _Smoothed:
-    """Return the smoothed series for a drift whose steps have the variances ``speed`` (N - 1,
-    speeds), relative to the variance of the noise."""
+    """Return the series ``seen`` (N,) without its noise, once for each possible speed of the drift.
+
+    ``speed`` (N - 1, speeds) contains, for each possible speed, the variances of the steps of the
+    drift divided by the variance of the noise.
+    """
     count = speed.shape[1]
     level, share = np.empty((len(seen), count)), np.empty((len(seen), count))
     ahead = np.empty_like(speed)

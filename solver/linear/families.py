@@ -70,8 +70,8 @@ class Family:
 
 
 def family_of(fit: MixedFit, mine: NDArray[np.bool_], log_found: float) -> Family:
-    """Return the family of the random effects marked in ``mine`` (q,); their estimated standard
-    deviation is ``exp(log_found)`` times the usual value."""
+    """Return the `Family` of the group of random effects that ``mine`` (q,) marks. The estimated
+    standard deviation of the group is ``exp(log_found)`` times the usual value."""
     seen, shown, size = fit.causes.seen, fit.causes.shown, fit.size
     others = np.flatnonzero(~mine)
     own = np.flatnonzero(mine)
@@ -159,8 +159,8 @@ def normal_points(count: int) -> Vector:
 
 
 def families(fit: MixedFit, group: NDArray[np.int64], sizes: Sizes) -> dict[int, Family]:
-    """Return the family of every group with an estimated standard deviation, by the number of
-    the group."""
+    """Return, by the number of the group, the `Family` of every group of random effects whose
+    standard deviation is estimated."""
     return {
         int(place): family_of(fit, group == place, float(np.log(sizes.factor[place])))
         for place in np.flatnonzero(sizes.sought)

@@ -189,8 +189,11 @@ def _value_at(function: Function | None, node: int) -> float:
 
 
 def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str, Vector]:
-    """Return equally likely sizes of the deviation of each displacement function from the straight
-    line in the middle between two targets.
+    """Return, for each displacement function, equally likely sizes of its deviation between two
+    targets.
+
+    The deviation is the distance, halfway between two targets, of the function from the straight
+    line through its values at both targets.
 
     The size is estimated from the bends of the function at the targets, minus the noise. Waves that
     are zero at the targets are assumed for positioning functions (ball screw, scale), because no

@@ -101,8 +101,8 @@ class Calendar:
     named: Mask
 
     def of(self, kept: Mask) -> "Calendar":
-        """Return the calendar of some of the surveys. An event before an omitted survey moves to
-        the next survey."""
+        """Return the calendar of the surveys that ``kept`` marks. An event before an omitted survey
+        moves to the next survey."""
         if kept.all():
             return self
         places = np.flatnonzero(kept)

@@ -122,8 +122,8 @@ def _fetched(store: Store, place: Place, folder: Path) -> pa.Table:
 
 
 def _require_table(place: Place, data: bytes, result: bytes) -> pa.Table:
-    """Return the table of a survey. Raises BrokenLinkError if the table differs from a table made
-    of its result.
+    """Return the table of a survey. Raises BrokenLinkError if the table differs from the table that
+    is computed again from the result of the survey.
 
     If the same library version wrote the table, its bytes are compared too, because readers also
     use the statistics and the names of the columns.

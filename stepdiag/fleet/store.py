@@ -1,11 +1,11 @@
 """The store: files below a folder, on a network share or in a bucket. Each file is written
 completely, once, and never changed.
 
-    stepdiag-store.json                            which layout
+    stepdiag-store.json                            format and version of the store
     machine=<id>/year=<y>/<survey>/...             the files of a survey; archived.json
     machine=<id>/year=<y>/<survey>.parquet         its values; a survey is complete with this file
-    machine=<id>/year=<y>/<survey>@<software>/...  solved again, with its .parquet
-    series.index                                   all values, for speed
+    machine=<id>/year=<y>/<survey>@<software>/...  the survey solved again, with its .parquet
+    series.index                                   the values of all surveys, for speed
 
 A hash protects every byte behind a value. `archived.json` contains the hashes of the survey's
 files and of its table in a canonical form, so every changed byte of this file is detected. The
@@ -102,8 +102,8 @@ def manifest_of(place: Place, files: Mapping[str, str], table: str) -> bytes:
 
 
 def sealed(data: bytes) -> bytes:
-    """Return bytes preceded by their own hash, in a single file so that both come from the same
-    writer."""
+    """Return the hash of the data, followed by the data. Hash and data are stored in one file, so
+    that the same writer writes both."""
     return sha256(data).encode() + b"\n" + data
 
 

@@ -155,7 +155,7 @@ class Library:
         planned = self.survey.planned
         run = planned.run_of(setup)
         as_stated = {order_of(planned, run, number) for number in self._numbers(setup)}
-        # the orders of a plan's repeats have priority over the order of the volume, as in the file
+        # as in the survey file, `plan.axis_orders` has priority over `volume.axis_order`
         line, value = (
             ("plan.axis_orders", '["{}"]')
             if run.axis_orders

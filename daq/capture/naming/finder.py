@@ -87,16 +87,18 @@ class PassFinder:
         return self._setups[code]
 
     def _going_on(self, signals: Signals, reading_mm: float | None) -> str | None:
-        """Return the setup that goes on, wanted or not, by the laser's unbroken count: another
-        setup begins with a cut beam."""
+        """Return the setup with a stop at the present reading of the laser's unbroken count, even
+        if the survey needs no further pass of this setup. Another setup would begin with a cut
+        beam."""
         for name, hint in self._start.hints.items() if reading_mm is not None else ():
             if hint.known and self._begin(name, signals, reading_mm)[1].name is not None:
                 return name
         return None
 
     def _wanted(self, signals: Signals) -> str | None:
-        """Return the first wanted setup. If the machine stands at none of its stops, return the
-        setup that has a stop there, first the one that begins there.
+        """Return the first setup that the survey still needs. If the machine stands at none of its
+        stops, return a setup with a stop at the machine's position, preferably a setup that begins
+        at this position.
         """
         hints, there = self._start.hints, signals.commanded_mm
         first = next((name for name, hint in hints.items() if hint.wanted), None)
@@ -134,8 +136,8 @@ class PassFinder:
     def _begin(
         self, setup: str, signals: Signals, reading_mm: float | None
     ) -> tuple[Walk, Path]:
-        """Return the walk of the pass that goes on, or of the pass in the other direction if that
-        pass is more probable; and the path to the first standstill.
+        """Return the walk of the expected pass, or of the pass in the other direction if that pass
+        is more probable; and the path to the first standstill.
         """
         hint = self._start.hints[setup]
         routes = routes_of(self._survey.planned, setup, (*hint.numbers, *hint.others))

@@ -4,7 +4,8 @@ the line.
 Vaisala PTU300 in its factory setting: the sensor answers `SEND` with pressure, temperature and
 humidity (``P= 1013.2 hPa T= 31.1 'C RH= 38.3 %RH``; PTU300 User Manual p. 103), optionally after a
 prompt and the echo of the request. In the mode `RUN` the sensor sends the same lines without
-requests. **From memory, without a source:** asterisks replace a quantity that cannot be measured.
+requests. **Not checked against a document:** asterisks replace a quantity that the sensor cannot
+measure.
 """
 
 import math

@@ -54,8 +54,9 @@ class Posterior:
     """Possible differences between the machine and a result. ``position_mm`` contains the nodes by
     axis letter, shapes (k,). ``offset`` (k,), ``modes`` (modes, k) and ``rest`` (k,) are in um or
     urad (k = 1), by function and by squareness; a quantity without uncertainty has no entry.
-    ``between_um`` contains, by function, equally likely sizes, shapes (sizes,), of the deviation
-    from the straight line in the middle between two targets. ``sized`` is the dependence of the
+    ``between_um`` contains, by function, equally likely sizes, shapes (sizes,), of the distance of
+    the function, halfway between two targets, from the straight line through its values at both
+    targets. ``sized`` is the dependence of the
     last modes on an unknown size."""
 
     position_mm: Mapping[str, Vector]

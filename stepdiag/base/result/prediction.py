@@ -235,7 +235,7 @@ class _Machines(NamedTuple):
         """Return, for all deviations but the offset, the square sum of their effect over all
         points, (draws,), and the square sum of the rigid motions in this effect, (draws,).
 
-        Both sums are equal before and after a correction.
+        A correction changes neither of the two sums.
         """
         flat, amount = _flat(self.moved, None)[1:], self.amount[:, 1:]
         return np.sum((amount @ (flat @ flat.T)) * amount, axis=1), np.sum(
