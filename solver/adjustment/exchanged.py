@@ -85,11 +85,26 @@ class Programs:
         left, size, _ = np.linalg.svd(unknown)
         left = left[:, np.count_nonzero(size > HIDDEN * size[0]) :]
         root = np.linalg.cholesky(left.T @ noise @ noise.T @ left)
-        self.whitened = np.linalg.solve(root, left.T)
-        self.shown = self.whitened @ target[kept]
         self.causes = machine, turning_um[kept]
         self.stated = tuple(range(len(layout.setups)))
         self.alike = list(_alike(layout))
+        whitened = np.linalg.solve(root, left.T)
+        held = whitened @ self._repeated()
+        # the machine moves the readings along the first directions only
+        self.moving = min(held.shape)
+        self.whitened = np.linalg.qr(held, mode="complete").Q.T @ whitened
+        self.shown = self.whitened @ target[kept]
+
+    def _repeated(self) -> Vector:
+        """Return the readings (m, groups) that have the same machine under all names: the passes of
+        a setup are repeated.
+        """
+        _, row = np.unique(np.column_stack(self.causes), axis=0, return_inverse=True)
+        every = (self.stated, *_changes(self.stated, self.alike))
+        under = np.column_stack([row.ravel()[rows_of(self.layout, each)] for each in every])
+        _, group = np.unique(under, axis=0, return_inverse=True)
+        same: Vector = np.eye(int(np.max(group)) + 1)[group.ravel()]
+        return same
 
     def other_names(self) -> dict[Names, float]:
         """Return the log-odds of other names against the stated names; empty if no two diagonals
@@ -143,13 +158,16 @@ class Programs:
         """Return the variances of the readings for all factors, shape (machine, noise, angles, r),
         along the directions (angles, r, r).
         """
-        rows = rows_of(self.layout, names)
-        seen = [self.whitened @ each[rows] for each in self.causes]
+        rows, count = rows_of(self.layout, names), len(self.shown)
+        seen = [self.whitened[: self.moving] @ each[rows] for each in self.causes]
         moving, turning = (each @ each.T for each in seen)
         # a good machine hardly turns
         turns = 1.0 / GROWING[:5:2, None, None]
-        value, vector = np.linalg.eigh(moving + turns * turning)
-        machine = FACTORS[:, None, None, None] * np.maximum(value, 0.0)
+        value, found = np.linalg.eigh(moving + turns * turning)
+        vector = np.tile(np.eye(count), (len(turns), 1, 1))
+        vector[:, : self.moving, : self.moving] = found
+        machine = np.zeros((len(FACTORS), 1, len(turns), count))
+        machine[..., : self.moving] = FACTORS[:, None, None, None] * np.maximum(value, 0.0)
         return machine + FACTORS[:, None, None], vector
 
 
