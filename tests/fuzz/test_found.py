@@ -535,7 +535,8 @@ def test_a_host_that_cannot_be_looked_up_is_refused_when_the_survey_is_read(
     """A dot too many in plc.host ended the daemon: Python refuses such a name while looking it up,
     with an error that is no OSError."""
     with pytest.raises(
-        UsageError, match=rf"{section}\.host: expected a name or an address, 1 to 63 letters"
+        UsageError,
+        match=rf"{section}\.host: expected a name or an address with 1 to 63 letters",
     ):
         parse_survey(f'{SMALLEST}[{section}]\nhost = "{host}"\n', "s.toml")
 

@@ -81,7 +81,7 @@ def test_the_guide_shows_what_is_shipped(name):
         (
             TNC + '[plc.signals.stopped]\naddress = 1\ntable = "M"\ntype = '
             '"bit"\n[plc.handshake]\nenabled = true',
-            "plc.handshake.enabled: expected false: nothing is written over LSV2",
+            "plc.handshake.enabled: expected false, because stepdiag writes nothing over LSV2",
         ),
         ('[plc.signals.stopped]\naddress = 1\ntable = "db1"', "over Modbus"),
         (
@@ -90,7 +90,7 @@ def test_the_guide_shows_what_is_shipped(name):
         ),
         (
             OVERLAPPING,
-            "plc.handshake.address: expected a register that no signal uses",
+            "plc.handshake.address: expected a free register",
         ),
     ],
 )

@@ -196,7 +196,7 @@ def test_sections_reach_their_places(tmp_path: Path) -> None:
         ),
         (
             '[plc]\ntransport = "rtu"\nserial_port = "/dev/ttyS1"',
-            "poll_hz: expected at most 36 at 19200 baud: one poll takes 27.5 ms",
+            "poll_hz: expected at most 36 polls a second at 19200 baud: one poll takes 27.5 ms",
         ),
         (
             "[environment]\nsource = 'laser'",
@@ -304,7 +304,7 @@ def test_an_unknown_key_is_refused_with_the_nearest_known_one(
         ),
         (
             "[plc.handshake]\nenabled = true\naddress = 5\n",
-            "plc.handshake.address: expected a register that no signal uses: x_mm uses",
+            "plc.handshake.address: expected a free register: the signal x_mm already uses",
         ),
     ],
 )
@@ -503,8 +503,8 @@ def test_a_counter_that_never_repeats_is_said_with_nought() -> None:
     assert settings.counter_modulus is None
     with pytest.raises(
         UsageError,
-        match=r"laser\.line\.counter_modulus: expected 0 \(the counter never repeats\) or 2 and "
-        r"more, found 1",
+        match=r"laser\.line\.counter_modulus: expected 0 \(the counter never repeats\) or a "
+        r"number from 2 up, found 1",
     ):
         parse_survey(text.replace("counter_modulus = 65536", "counter_modulus = 1"), "s")
 

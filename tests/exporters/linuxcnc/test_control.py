@@ -114,7 +114,7 @@ def test_squareness_becomes_coefficients_and_straightness_is_said_to_stay():
     [
         (
             b"# compensation of X\n0 0 0\n1 1 1\n",
-            r"screw_x\.comp: line 1: expected three numbers.*stops reading here without an alarm",
+            r"screw_x\.comp: line 1: expected three numbers.*reading here and raises no alarm",
         ),
         (b"0 0 0\n10 10 10\nend\n", r"line 3: expected three numbers, found 'end'"),
         (b"0 0 0\n10 10\n", r"line 2: expected three numbers"),

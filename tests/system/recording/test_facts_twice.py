@@ -103,7 +103,7 @@ THERE_AND_BACK = [
             ),
             pytest.param(
                 "window-step",
-                "samples are far from the other samples",
+                "samples differ from the other samples",
                 THERE_AND_BACK,
                 id="jump",
             ),
