@@ -29,6 +29,7 @@ from stepdiag.daq.capture.noise import (
     LAG_NS,
     LEAST_SAMPLES,
     MAJORITY,
+    MOMENT_NS,
     PLACED_MM,
     SERIES,
     STILL_MM,
@@ -300,9 +301,12 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     then = _beginning_mm(after, placing)
     if len(then) < LEAST_SAMPLES:
         return None
-    earlier = placing.span(
-        max(before.dwell.from_ns, before.end_ns - EDGE_NS), after.from_ns
-    ).position_mm
+    from_ns = before.dwell.from_ns
+    if unbroken and soon and before.end_ns - from_ns < MOMENT_NS:
+        begun = placing.span(from_ns - EDGE_NS, after.from_ns).position_mm[:LEAST_SAMPLES]
+        if len(begun) and np.ptp(begun) > STILL_MM:
+            return True  # the machine was arriving, and the position register lagged behind
+    earlier = placing.span(max(from_ns, before.end_ns - EDGE_NS), after.from_ns).position_mm
     strays = np.abs(earlier - np.median(then)) > STILL_MM
     # If no move was observed between the dwells, the first samples may be from an earlier move.
     wrong = MAJORITY if unbroken and soon else LEAVING_SHARE

@@ -89,6 +89,28 @@ def test_registers_that_lag_some_polls_cost_nothing(late_s):
     assert [end.kind for end in ends] == ["complete"]
 
 
+PLACED = STOPPED_ONLY + "".join(
+    f'[plc.signals.{axis}_mm]\naddress = {address}\ntype = "int32"\nscale = 0.0001\n'
+    for axis, address in (("x", 4), ("y", 6), ("z", 8))
+)
+"""A machine with positions and without a counter."""
+
+
+@pytest.mark.parametrize("late_s", [0.008, 0.011, 0.015, 0.022])
+@pytest.mark.parametrize("early_s", [0.014, 0.02, 0.03])
+def test_a_position_of_the_stop_before_while_the_machine_arrives_costs_nothing(
+    late_s, early_s
+):
+    """The stop signal comes some milliseconds before the machine stands, and the first poll shows
+    the position of the stop before: the laser still moves."""
+    truth = diagonal("ppp", n=2)
+    late = {"position": late_s, "signal": -early_s}
+    timeline = Lagging(truth, late_s=late, rate_hz=250.0, poll_hz=100.0, move_s=0.097)
+    stops, findings, _ = run(timeline, n=2, rate_hz=250.0, signals=PLACED)
+    assert [stop.stop for stop in stops] == list(range(7))
+    assert {each.code for each in findings} <= {"signals-absent"}
+
+
 @pytest.mark.parametrize(
     ("rate_hz", "poll_hz", "seconds"),
     [
