@@ -268,7 +268,7 @@ def test_other_controls_of_heidenhain_have_no_public_columns() -> None:
     of = profile("heidenhain")
     of = replace(of, options=msgspec.structs.replace(of.options, generation="tnc640"))
     with pytest.raises(
-        UsageError, match=r'heidenhain\.chain: expected nothing, or generation = "itnc530"'
+        UsageError, match=r'heidenhain\.chain: expected no entry, or generation = "itnc530"'
     ):
         written("heidenhain", drawn(), of)
 
