@@ -41,7 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.messages import message
-from stepdiag.base.result.field import PRODUCTS
+from stepdiag.base.names import PRODUCTS
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import Counts
 from stepdiag.solver.adjustment.evidence import (

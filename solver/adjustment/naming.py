@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding, error, finding, warning
 from stepdiag.base.messages import Argument, Message, Place, message
+from stepdiag.base.names import PRODUCTS
 from stepdiag.base.readings.readings import PassKey
-from stepdiag.base.result.field import PRODUCTS
 from stepdiag.solver.adjustment.evidence import PLACE, PRODUCT, STOP, WALK
 from stepdiag.solver.adjustment.exchanged import Names
 from stepdiag.solver.adjustment.explanations import Explained

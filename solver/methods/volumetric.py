@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Words, message
-from stepdiag.base.result.field import PRODUCTS, error_field_um
+from stepdiag.base.names import PRODUCTS
+from stepdiag.base.result.field import error_field_um
 from stepdiag.base.result.interval import Predicted
 from stepdiag.base.result.members import (
     BETWEEN_TARGETS,

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.conditions.assumptions import Assumptions
-from stepdiag.base.result.field import PRODUCTS, Tabulated, field_of_um, rigid_motions
+from stepdiag.base.names import PRODUCTS
+from stepdiag.base.result.field import Tabulated, field_of_um, rigid_motions
 from stepdiag.base.result.posterior import POSTERIOR_DECIMALS, Posterior
 from stepdiag.base.result.result import (
     AXIS_LETTERS,

@@ -9,21 +9,10 @@ import numpy as np
 from stepdiag.base.errors import UsageError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
 from stepdiag.base.messages import message
-from stepdiag.base.names import AXES, BODY_DIAGONALS
+from stepdiag.base.names import AXES, BODY_DIAGONALS, PRODUCTS
 from stepdiag.base.result.result import DISPLACEMENTS, SQUARENESS, Result
 from stepdiag.base.volume import Vector, Volume, diagonal_direction, travel_signs
 
-PRODUCTS: Mapping[str, tuple[int, tuple[int, ...]]] = {
-    **{
-        f"{'XYZ'[component]}({'xyz'[a]}{'xyz'[b]})": (component, (a, b))
-        for component in range(3)
-        for a, b in ((0, 1), (0, 2), (1, 2))
-    },
-    "Z(yyz)": (2, (1, 1, 2)),
-}
-"""Errors that depend on two axes, by name: the component of the error, and the axes whose shares of
-the travel are multiplied. Each value is the error at the far corner in um. Examples: an axis bends
-when another axis carries it further out, or a ram sags."""
 BEYOND_MM = 1.0
 """Largest distance in mm of a target outside the measured volume. Beyond the volume, functions have
 their end values."""

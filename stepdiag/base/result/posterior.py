@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag.base.messages import message
+from stepdiag.base.names import PRODUCTS
 from stepdiag.base.result.json_tree import Node
 from stepdiag.base.volume import Vector
 
@@ -28,9 +29,12 @@ NAMES = frozenset(
         "C0Y",
         "B0Z",
         "A0Z",
+        *PRODUCTS,
     )
 )
-"""Names of the quantities in the posterior: functions and squarenesses (ISO 230-1)."""
+"""Names of the quantities in the posterior: functions and squarenesses (ISO 230-1), and errors of
+two axes.
+"""
 POSTERIOR_DECIMALS = 4
 """Number of decimals of the posterior in the result's file."""
 

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.base.result.field import PRODUCTS
+from stepdiag.base.names import PRODUCTS
+from stepdiag.base.result.result import parse_result
 from stepdiag.solver.adjustment import explanations
 from stepdiag.solver.adjustment.adjustment import adjust
 from stepdiag.solver.adjustment.counts import Counts
@@ -118,6 +119,18 @@ def test_the_same_contradiction_in_setups_driven_again_is_the_machine(seed):
     (named,) = [each for each in found.findings if each.severity != "info"]
     assert named.key == "machine-beside-model"
     assert "X(xy)" in named.text
+
+
+def test_a_result_with_an_error_of_two_axes_is_read_back():
+    """Each such error is in the posterior: the export refused the result's own file."""
+    readings = Bench(seed=20).survey()
+    product_um = 25.0 * products_um(lay_out(readings))[:, list(PRODUCTS).index("X(xy)")]
+    found = solve(replace(readings, reading_mm=readings.reading_mm + 1e-3 * product_um))
+    assert "X(xy)" in found.posterior.offset
+    again = parse_result(found.to_json())
+    assert again.posterior.offset["X(xy)"] == pytest.approx(
+        found.posterior.offset["X(xy)"], abs=1e-4
+    )
 
 
 def test_a_slip_taken_off_and_a_machine_beside_the_model_are_both_in_the_uncertainty():
