@@ -106,7 +106,7 @@ class StopTaker:
         path, odd = walk.locate(look)
         index, names = path.name, path.names
         if walk.route is not expected_route:
-            outcomes += self._stops_anew(walk.route)
+            outcomes += self._stops_anew(walk.route, index)
         if walk.apart:
             self._before, walk.apart = (*self._before, Break(dwell.from_ns, walk.apart)), None
         self._named = [*([] if lost else self._named), (dwell, taken, names[-1])]
@@ -142,13 +142,15 @@ class StopTaker:
         self._place(walk, index, dwell, taken, outcomes)
         self._looked_until_ns = max(self._looked_until_ns, float(dwell.to_ns))
 
-    def _stops_anew(self, route: Route) -> list[CapturedStop]:
-        """Return the stops of the pass until now, on a route with another order of the axes: their
-        places are the same.
+    def _stops_anew(self, route: Route, until: int | None) -> list[CapturedStop]:
+        """Return the earlier stops of the pass, before the stop ``until``, on a route with another
+        order of the axes: their places are the same. A program that begins anew has none.
         """
         first = max((at for at, stop in enumerate(self._stops) if stop.stop == 0), default=0)
         return [
-            msgspec.structs.replace(stop, order=route.order) for stop in self._stops[first:]
+            msgspec.structs.replace(stop, order=route.order)
+            for stop in self._stops[first:]
+            if until is None or stop.stop < until
         ]
 
     def _turned_round(

@@ -237,7 +237,8 @@ class Daemon:
         session = self._working.session
         if session.machine_waits:
             self._working.survey_links.hurry()
-        if session.runs_on:
+        # only after a complete survey, which is shown until a pass is recorded
+        if session.runs_on and self._working.shown is not session:
             handshake.let_go(session.signals, session.owed, block.recv_ns)
         if waits := handshake.look(
             session.signals, block.recv_ns, self.status_source.waits_for

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
@@ -91,35 +90,49 @@ class PassFinder:
         if the survey needs no further pass of this setup. Another setup would begin with a cut
         beam."""
         for name, hint in self._start.hints.items() if reading_mm is not None else ():
-            if hint.known and self._begin(name, signals, reading_mm)[1].name is not None:
-                return name
+            if hint.known:
+                path = self._begin(name, signals, reading_mm)[1]
+                # a reading that fits no stop begins a new memory
+                if path.name is not None and len(path.known) >= len(hint.known):
+                    return name
         return None
 
     def _wanted(self, signals: Signals) -> str | None:
-        """Return the first setup that the survey still needs. If the machine stands at none of its
-        stops, return a setup with a stop at the machine's position, preferably a setup that begins
-        at this position.
+        """Return the setup that the machine drives by its position: the first wanted setup if the
+        machine continues a pass of this setup; else a setup with a stop there, preferably one that
+        begins there, that is wanted, and whose NC program has the present count there.
         """
         hints, there = self._start.hints, signals.commanded_mm
         first = next((name for name, hint in hints.items() if hint.wanted), None)
-        if first is None or there is None or np.any(self._beside(first, there)):
+        if first is None or there is None:
             return first
-        beside = {name: self._beside(name, there) for name in hints}
+        routes = {
+            name: routes_of(self._survey.planned, name, (*hint.numbers, *hint.others))
+            for name, hint in hints.items()
+        }
+        beside = {
+            name: [each.beside(there) for each in every] for name, every in routes.items()
+        }
+        if hints[first].next_stop and np.any(beside[first]):
+            return first
+        count = signals.stop_count
+        shown = {
+            name: count is not None
+            and any(
+                np.any(stands & route.numbered(count))
+                for stands, route in zip(beside[name], routes[name], strict=True)
+            )
+            for name in hints
+        }
         return min(
             (name for name in hints if np.any(beside[name])),
-            key=lambda name: (not beside[name][OUT, 0], not hints[name].wanted),
+            key=lambda name: (
+                not beside[name][OUT][0],
+                not hints[name].wanted,
+                not shown[name],
+            ),
             default=first,
         )
-
-    def _beside(
-        self, setup: str, position_mm: tuple[float, float, float]
-    ) -> NDArray[np.bool_]:
-        """Return at which stops of the possible passes of a setup a position is, shape (passes,
-        k).
-        """
-        hint = self._start.hints[setup]
-        routes = routes_of(self._survey.planned, setup, (*hint.numbers, *hint.others))
-        return np.array([route.beside(position_mm) for route in routes])
 
     def _unplanned(self, signals: Signals) -> Finding | None:
         if signals.setup is None or self._unplanned_reported:

@@ -286,8 +286,7 @@ class Walk:
 
     ``apart`` is the reason why the earlier stops have another count, without an event of the laser;
     ``unsure`` is the reason why the name of the stop is uncertain. The standstills decide between
-    the orders of the axes, so `locate` may change ``route``: the stops before it are then at the
-    same places.
+    the orders of the axes, so `locate` may change ``route``.
     """
 
     def __init__(
@@ -337,7 +336,7 @@ class Walk:
         steps, (by_count, odd) = self._steps(look.count), self._by_count(look.count)
         if path.name is None:
             return path, [*(odd if placed else []), self._nowhere(look.position_mm)]
-        self.route = self._routes[path.way]
+        self._change_route(self._routes[path.way])
         if self.expected == 0 and not placed and read_before and len(path.known) == 1:
             self.apart = message("reads-no-stop")
         if steps != 0 or path.stop != self._read.stop:
@@ -347,6 +346,14 @@ class Walk:
                 path.stop, look.position_mm, by_count if miscounted else None
             )
         return path, odd
+
+    def _change_route(self, route: Route) -> None:
+        """Follow another route. The last reading is then that of the stop with the same number."""
+        at, left_mm = self._read.stop, self._read.left_mm
+        if route is not self.route and at > 0 and left_mm is not None:
+            moved_mm = float(route.nominal_mm[at] - self.route.nominal_mm[at])
+            self._read = replace(self._read, left_mm=left_mm + moved_mm)
+        self.route = route
 
     def _nowhere(self, position_mm: Position) -> Finding:
         """Return the finding of a standstill where no stop is."""

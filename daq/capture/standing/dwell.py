@@ -276,7 +276,8 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
 
     The polls can miss a move if the time between two polls is longer than a step; the laser's
     samples must then be constant for the whole time. After a loss of the count in a move, an equal
-    reading is no evidence of a standstill. None if there are too few samples.
+    reading is no evidence of a standstill. A short dwell while the machine was still arriving is
+    part of the next dwell: its position register lagged behind. None if there are too few samples.
     """
     unbroken = after.not_before_ns is None or after.not_before_ns <= before.dwell.from_ns
     soon = after.from_ns - before.end_ns < FLICKER_NS
@@ -304,8 +305,8 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     from_ns = before.dwell.from_ns
     if unbroken and soon and before.end_ns - from_ns < MOMENT_NS:
         begun = placing.span(from_ns - EDGE_NS, after.from_ns).position_mm[:LEAST_SAMPLES]
-        if len(begun) and np.ptp(begun) > STILL_MM:
-            return True  # the machine was arriving, and the position register lagged behind
+        if len(begun) == LEAST_SAMPLES and np.ptp(begun) > STILL_MM:
+            return True
     earlier = placing.span(max(from_ns, before.end_ns - EDGE_NS), after.from_ns).position_mm
     strays = np.abs(earlier - np.median(then)) > STILL_MM
     # If no move was observed between the dwells, the first samples may be from an earlier move.
