@@ -8,10 +8,11 @@ from msgspec.structs import replace
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, Words, message
+from stepdiag.base.readings.runs import first_count
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
-from stepdiag.daq.capture.naming.route import Route, first_count, route_of, shared
+from stepdiag.daq.capture.naming.route import Route, route_of, shared
 from stepdiag.daq.capture.remarks.remarks import credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare, may_hide_um

@@ -10,7 +10,7 @@ import numpy as np
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES, BODY_DIAGONALS
-from stepdiag.base.readings.runs import Plan, Run, run_stops_mm
+from stepdiag.base.readings.runs import Plan, Run, first_count, run_stops_mm
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.programs.jogs import Jog, jogs_at
@@ -110,17 +110,13 @@ def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
     The stop counter continues from setup to setup in the order of ``sequence.setups``.
     """
     check(sequence)
-    count = 1 + sum(
-        _stops_in(sequence, before)
-        for before in sequence.setups[: sequence.setups.index(setup)]
-    )
     passes = []
     for number in _pass_numbers(sequence):
         stops = line_stops_mm(sequence, setup, number)
+        count = first_count(sequence.plan, setup, number)
         passes.append(_pass(sequence, number, stops, count))
         if sequence.commission and number == 1 and setup_of(setup).is_fourdof:
             passes[0] = replace(passes[0], jogs=_jogs(stops, setup_of(setup).axis))
-        count += len(stops)
     return tuple(passes)
 
 

@@ -12,6 +12,7 @@ from stepdiag.base.messages import Message, Way, message, run
 from stepdiag.base.names import AXES
 from stepdiag.base.readings.runs import (
     Plan,
+    first_count,
     moving_order_of,
     run_stops_mm,
 )
@@ -129,18 +130,6 @@ def route_of(plan: Plan, setup: str, number: int) -> Route:
             and moving_order_of(plan, planned, each) == moving_order_of(plan, planned, number)
         ),
     )
-
-
-def first_count(plan: Plan, setup: str, number: int) -> int:
-    """Return the count of a pass's first stop in the NC programs: these number the stops of the
-    survey from 1."""
-    count = 1
-    for planned in plan.runs:
-        stops = len(run_stops_mm(plan, planned))
-        if planned.setup == setup:
-            return count + stops * planned.pass_numbers.index(number)
-        count += stops * len(planned.pass_numbers)
-    return count
 
 
 def routes_of(plan: Plan, setup: str, numbers: Iterable[int]) -> tuple[Route, ...]:

@@ -206,7 +206,7 @@ def _astray(
     alike = float(np.logaddexp.reduce(log_normal(off, step_noise_mm(steps_mm))))
     cost = 0.0 if path.astray else RARE + math.log(2 * len(off))
     score = path.score - cost - float(counted[stop]) + alike
-    yield replace(at, score=score, stop=stop, astray=True, miscounts=bool(counted[stop]))
+    yield replace(at, score=score, stop=stop, astray=True, miscounts=bool(counted[stop] > 0))
 
 
 def _costs(path: Path, look: Look, route: Route) -> tuple[Costs, Costs, float]:

@@ -128,6 +128,18 @@ def run_stops_mm(plan: Plan, run: Run, number: int = 1) -> Vector:
     return stops if number % 2 else stops[::-1]
 
 
+def first_count(plan: Plan, setup: str, number: int) -> int:
+    """Return the count of a pass's first stop in the NC programs: these number the stops of the
+    survey from 1."""
+    count = 1
+    for planned in plan.runs:
+        stops = len(run_stops_mm(plan, planned))
+        if planned.setup == setup:
+            return count + stops * planned.pass_numbers.index(number)
+        count += stops * len(planned.pass_numbers)
+    return count
+
+
 def order_of(plan: Plan, run: Run, number: int) -> str:
     """Return the order in which a pass moves the axes. An outward pass and the back pass after it
     have the same order."""

@@ -3,7 +3,7 @@
 import pytest
 
 from stepdiag.daemon.driving import sequence_of
-from stepdiag.daq.capture.naming.route import first_count
+from stepdiag.daq.capture.naming.route import route_of
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.exporters.programs import passes_of
 from testkit.timeline import survey_text
@@ -22,7 +22,10 @@ def test_every_pass_begins_with_the_count_of_its_nc_program(plan, back):
     text = survey_text(back=back).replace('setups = ["ppp"]', plan)
     survey = parse_survey(text, "survey.toml")
     sequence = sequence_of(survey)
+    counts = []
     for setup in sequence.setups:
         for each in passes_of(sequence, setup):
-            begun = each.stops[0].count
-            assert begun == first_count(survey.planned, setup, each.number)
+            counts += [stop.count for stop in each.stops]
+            begun = route_of(survey.planned, setup, each.number).counts
+            assert each.stops[0].count in begun
+    assert counts == [*range(1, len(counts) + 1)]
